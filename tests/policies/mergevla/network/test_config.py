@@ -51,11 +51,11 @@ def test_a_rank_out_of_range_is_refused(rank):
         LoraSettings(0)
 
 
-def test_the_controls_differ_from_the_tiny_network_in_their_action_experts_alone():
-    assert all(replace(control, expert=TINY.expert) == TINY for control in CONTROLS.values())
-    variants = {
-        name: (control.expert.self_attention, control.expert.gates_by_tanh) for name, control in CONTROLS.items()
-    }
+def test_the_controls_differ_from_the_tiny_network_in_their_action_experts_or_in_the_released_codes_errors():
+    blocks = dict(CONTROLS)
+    assert blocks.pop("tiny-quirks") == replace(TINY, quirks=PaperCodeQuirks.paper())
+    assert all(replace(control, expert=TINY.expert) == TINY for control in blocks.values())
+    variants = {name: (control.expert.self_attention, control.expert.gates_by_tanh) for name, control in blocks.items()}
     assert variants == {
         "tiny-tanh": (False, True),
         "tiny-self-attention": (True, True),
