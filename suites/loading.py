@@ -120,7 +120,6 @@ def _further_mistakes(
     except ValidationError:
         return
     unclear: set[str] = set() if "policies" in set(left) - set(kept) else set(ROLES)
-    unclear |= set() if "tasks" in left else {"robots"}
     for found, message in check(loaded):
         key = found[0]
         if key in left and key not in unclear and (len(found) > 1 or key not in kept):
@@ -143,9 +142,10 @@ def _rest(data: dict[str, Any], mistakes: Iterable[Mistake], model: type[BaseMod
 
 
 def _completed(left: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
-    """The data of a file with stand-ins for required keys that it lacks."""
+    """The data of a file with stand-ins for required keys that it lacks; no robots beside the stand-in for tasks."""
     required = {key: value for key, value in REQUIRED.items() if key != "policies" or "needs" not in left}
-    return {**(required if model is Suite else {}), **left}
+    kept = {key: value for key, value in left.items() if key != "robots" or "tasks" in left}
+    return {**(required if model is Suite else {}), **kept}
 
 
 def _without(data: dict[str, Any], wrong: set[Place]) -> tuple[dict[str, Any], dict[str | int, list[int]]]:

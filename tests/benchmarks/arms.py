@@ -7,23 +7,20 @@ and two of the zoo. What is finished in the folder is kept, so that the same com
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.policies.zoo import shipped
-from robogauntlet.results.api import open_run
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
 from tests.benchmarks.document import write_episodes
 from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import run_suite, table_of
+from tests.benchmarks.shared import merged_policy, play_policies, table_of
 from tests.processes import run_gauntlet
 
 ONE_SKILL = ("robosuite/Lift", "robosuite/Lift@UR5e", "robosuite/Lift@Kinova3", "robosuite/Lift@IIWA")
@@ -74,8 +71,8 @@ def measure() -> list[dict[str, object]]:
     frames = [each.assign(setting="one skill")]
     for setting, tasks, others in (("one skill", ONE_SKILL, UNSEEN), ("three skills", THREE_SKILLS, ())):
         merges = _merges(folder, setting.replace(" ", "-"), {task: experts[task] for task in tasks})
-        told = {way: _merged(out, "oracle") for way, out in merges.items()}
-        routed = {name: _merged(merges[way], router) for name, (way, router) in ROUTED.items()}
+        told = {way: merged_policy(out) for way, out in merges.items()}
+        routed = {name: merged_policy(merges[way], router) for name, (way, router) in ROUTED.items()}
         played = [
             own[own.task.isin([*tasks, *others])].drop_duplicates(["task", "seed"]),
             _play(folder, f"{setting} told", told, tasks),
@@ -165,23 +162,5 @@ def _expert(folder: Path) -> dict[str, Any]:
     return {"kind": "mergevla", "options": {"checkpoint": str(folder)}}
 
 
-def _merged(folder: Path, router: str) -> dict[str, Any]:
-    return {"kind": "mergevla-merged", "options": {"checkpoint": str(folder), "router": router}}
-
-
 def _play(folder: Path, name: str, policies: Mapping[str, Mapping[str, Any]], tasks: Sequence[str]) -> pd.DataFrame:
-    """Play the policies on the tasks, or what is missing of it: a row per episode with the columns `EPISODE`."""
-    plan = {
-        "name": "arms-" + re.sub(r"\W", "-", name.lower()),
-        "policies": [{"name": title, **options} for title, options in policies.items()],
-        "tasks": list(tasks),
-        "seeds": {"count": SEEDS},
-        "image_size": 96,
-        "render_profile": "fast-2",
-    }
-    suite, run = folder / "suites" / f"{name}.yaml", folder / "played" / name
-    suite.parent.mkdir(parents=True, exist_ok=True)
-    suite.write_text(yaml.safe_dump(plan))
-    run_suite(suite, run)
-    print(name, flush=True)
-    return open_run(run).episodes(EPISODE)
+    return play_policies(folder, name, policies, tasks, SEEDS, EPISODE)

@@ -15,15 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from robogauntlet.policies.mergevla.options import expert_folders
-from robogauntlet.results.api import open_run
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio, pooled
 from robogauntlet.results.statistics.rates import wilson_interval
 from tests.benchmarks.document import write_episodes
 from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import kilobytes, run_suite, table_of
+from tests.benchmarks.shared import kilobytes, merged_policy, play_policies, table_of
 
 if TYPE_CHECKING:
     from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
@@ -53,6 +51,8 @@ TITLES = {
     "wudi-s": "WUDI+S",
     "ta-s-averaged-trunk": "TA+S, averaged trunk",
 }
+DESCRIBED = ("kilobytes", "keep", "selfish", "cosine")
+"""What is known of a merge before it is played."""
 SEEDS = 10
 EPISODE = ("policy", "task", "seed", "status", "inferred_task")
 COLUMNS = {
@@ -78,11 +78,11 @@ def measure() -> list[dict[str, object]]:
         last = number == min(NUMBERS[-1], len(tasks))  # what is not merged does not depend on the number
         ways = [way for way in WAYS if last or way != UNMERGED]
         described |= {(way, number): merged(folder, tasks[:number], way) for way in ways}
-        policies = {way: _merge(folder, number, way) for way in ways}
-        policies |= {ROUTED: _merge(folder, number, "magnitude-2", router="calibrated", sees_instruction=False)}
-        played = _play(folder, number, policies | (apart if last else {}), tasks[:number])
+        policies = {way: merged_policy(folder_of_merge(folder, number, way)) for way in ways}
+        routed = folder_of_merge(folder, number, "magnitude-2")
+        policies |= {ROUTED: merged_policy(routed, "calibrated", sees_instruction=False)} | (apart if last else {})
+        played = play_policies(folder, str(number), policies, tasks[:number], SEEDS, EPISODE)
         frames.append(played.assign(experts=number))
-        print(f"{number} experts", flush=True)
     frame = pd.concat(frames)
     write_episodes("more_experts", frame, ("experts", "policy", "task", "seed"))
     rows = rows_of(frame, [{"policy": way, "experts": number, **what} for (way, number), what in described.items()])
@@ -95,12 +95,12 @@ def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> l
 
     Args:
         frame: A row per episode: number of experts, policy, task, seed, status.
-        described: Rows with policy, number of experts, and what is known of a merge before it is played.
+        described: Rows with policy, number of experts, and `DESCRIBED`.
     """
     won = frame.assign(won=frame.status.map({"success": 1.0, "failure": 0.0})).pivot(
         index=["task", "seed"], columns=["policy", "experts"], values="won"
     )
-    known = {(row["policy"], row["experts"]): {key: row[key] for key in _BEFORE} for row in described}
+    known = {(row["policy"], row["experts"]): {key: row[key] for key in DESCRIBED} for row in described}
     rows = []
     for policy in TITLES:
         before: pd.Series | None = None
@@ -116,7 +116,7 @@ def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> l
                     "policy": policy,
                     "experts": number,
                     "title": TITLES[policy],
-                    **known.get((policy, number), dict.fromkeys(_BEFORE, "")),
+                    **known.get((policy, number), dict.fromkeys(DESCRIBED, "")),
                     "success": percent(outcomes.mean(), interval),
                     "kept": "" if policy == EXPERTS else percent(ratio.value, ratio.interval),
                     "change": "" if before is None else _change(outcomes.loc[before.index], before),
@@ -124,9 +124,6 @@ def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> l
             )
             before = outcomes
     return rows
-
-
-_BEFORE = ("kilobytes", "keep", "selfish", "cosine")
 
 
 def _by_task(one: pd.Series, other: pd.Series) -> list[Pairs]:
@@ -201,25 +198,3 @@ def _described(merging: Merging) -> dict[str, str]:
         "selfish": both(".3f", *(side.selfish for side in sides)) if masked else "",
         "cosine": both(".3f", *(fmean(side.cosine.values()) for side in sides)) if is_merged else "",
     }
-
-
-def _merge(folder: Path, number: int, way: str, **options: object) -> dict[str, Any]:
-    chosen = {"checkpoint": str(folder_of_merge(folder, number, way)), "router": "oracle", **options}
-    return {"kind": "mergevla-merged", "options": chosen}
-
-
-def _play(folder: Path, number: int, policies: Mapping[str, Mapping[str, Any]], tasks: Sequence[str]) -> pd.DataFrame:
-    """Play the policies on the tasks, or what is missing of it: a row per episode with the columns `EPISODE`."""
-    plan = {
-        "name": f"more-experts-{number}",
-        "policies": [{"name": name, **options} for name, options in policies.items()],
-        "tasks": list(tasks),
-        "seeds": {"count": SEEDS},
-        "image_size": 96,
-        "render_profile": "fast-2",
-    }
-    suite, run = folder / "suites" / f"{number}.yaml", folder / "played" / str(number)
-    suite.parent.mkdir(parents=True, exist_ok=True)
-    suite.write_text(yaml.safe_dump(plan))
-    run_suite(suite, run)
-    return open_run(run).episodes(EPISODE)

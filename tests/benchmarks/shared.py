@@ -1,6 +1,7 @@
 """Helpers of the benchmarks."""
 
 import os
+import re
 import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,10 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import yaml
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.environments.resolver import worker_environment
+from robogauntlet.results.api import open_run
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
@@ -83,6 +87,40 @@ def run_suite(suite: str | Path, folder: Path) -> None:
     """Run a suite by the command line, without media."""
     command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
     subprocess.run(command, check=True, capture_output=True)
+
+
+def play_policies(
+    folder: Path,
+    name: str,
+    policies: Mapping[str, Mapping[str, Any]],
+    tasks: Sequence[str],
+    seeds: int,
+    columns: Sequence[str],
+) -> pd.DataFrame:
+    """Play policies (name to kind and options) on the first seeds of tasks, or what is missing of it in the folder.
+
+    Returns:
+        A row per episode with these columns.
+    """
+    plan = {
+        "name": re.sub(r"\W", "-", name.lower()),
+        "policies": [{"name": policy, **options} for policy, options in policies.items()],
+        "tasks": list(tasks),
+        "seeds": {"count": seeds},
+        "image_size": 96,
+        "render_profile": "fast-2",
+    }
+    suite, run = folder / "suites" / f"{name}.yaml", folder / "played" / name
+    suite.parent.mkdir(parents=True, exist_ok=True)
+    suite.write_text(yaml.safe_dump(plan), encoding="utf-8")
+    run_suite(suite, run)
+    print(f"{name}: played", flush=True)
+    return open_run(run).episodes(columns)
+
+
+def merged_policy(folder: Path, router: str = "oracle", **options: object) -> dict[str, Any]:
+    """Kind and options of a merged policy for a suite."""
+    return {"kind": "mergevla-merged", "options": {"checkpoint": str(folder), "router": router, **options}}
 
 
 def play_suite(text: str) -> list[EpisodeResult]:

@@ -86,7 +86,7 @@ SENTENCES = {
         "two cubes make a tower with the green one below",
     ),
 }
-"""A question, a telegram and two other wordings for each task, written before any router was asked about them."""
+"""A question, a few words and two other wordings for each task, written before any router was asked about them."""
 LIGHT = (At("illuminance", 3), At("colour-temperature", 3), At("light-direction", 3))
 CAMERA = (At("camera-orbit", 3), At("camera-distance", 3), At("field-of-view", 3))
 SHIFTS = {

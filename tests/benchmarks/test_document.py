@@ -73,7 +73,27 @@ def test_what_the_page_says_of_more_experts_beside_the_tables_is_counted_in_thei
     wrong = [{name, names[place // 50]} for place, name in enumerate(chosen) if name != names[place // 50]]
     pairs = ({"faucet-open", "faucet-close"}, {"reach", "pick-place"})
     assert (len(wrong), *(wrong.count(pair) for pair in pairs)) == (127, 44, 43)
-    assert set(blind["paper-coded"]["decisions, hidden"]) == {ascii_lowercase[names.index("button-press")]}
+    for row in (row for row in routed if row["router"] == "paper-coded" and row["experts"] >= 6):
+        assert set(row["decisions, hidden"]) == {ascii_lowercase[names.index("button-press")]}
+    labelled = blind["self-trained"]["decisions, read"]
+    given = [set(labelled[50 * place : 50 * place + 50]) for place in range(20)]
+    assert sum(len(one) == 1 and one != {ascii_lowercase[place]} for place, one in enumerate(given)) == 15
+
+
+def test_what_the_page_says_of_other_bases_is_in_the_rows():
+    rows = json.loads((MEASUREMENTS / "training_controls.json").read_text(encoding="utf-8"))["rows"]
+    mean = {(row["kind"], row["way"]): row["mean"] for row in rows}
+    averaged, vectors = training_controls.WAYS["paper"], training_controls.WAYS["ta-s"]
+    fresh = [
+        rate for (kind, way), rate in mean.items() if kind in ("other-fresh", "matched-fresh") and way != "experts"
+    ]
+    assert (len(fresh), max(fresh)) == (6, 19)
+    assert [mean["matched-fresh", way] for way in (averaged, vectors)] == [0, 0]
+    assert max(rate for (kind, way), rate in mean.items() if kind == "matched" and way != "experts") == 24
+    assert round(100 * mean["cross-sigmoid", averaged] / mean["cross-sigmoid", "experts"]) == 66
+    apart = [row["to_reference"] for row in rows if row["kind"] == "quirks"]
+    assert all(text.endswith(", one seed") and abs(int(text.partition(",")[0])) <= 3 for text in apart)
+    assert len(apart) == 4
 
 
 def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():

@@ -90,6 +90,27 @@ def test_mistakes_in_a_file_hide_no_unusable_policy(suite_file):
     ]
 
 
+EXPERTS = """name: s
+policies: [{name: e, kind: mergevla-experts, options: {folder: "zoo:experts"}}]
+tasks: [%s]
+robots: [%s]
+conditions: [clean, iluminance@2]
+seeds: {count: 1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("tasks", "robots", "refused"),
+    [("'maniskill/PushC*'", "", None), ("robosuite/Lift", "Panda", None), ("robosuite/Lift", "UR5e", "Lift@UR5e")],
+)
+def test_policies_must_fit_the_tasks_that_a_file_means_also_beside_another_mistake(suite_file, tasks, robots, refused):
+    with pytest.raises(SuiteError) as found:
+        make_plan(suite_file(EXPERTS % (tasks, robots)))
+    unfit = [one.message for one in found.value.problems if "does not fit" in one.message]
+    assert len(found.value.problems) == 1 + len(unfit)
+    assert [f"it cannot act in robosuite/{refused};" in message for message in unfit] == ([True] if refused else [])
+
+
 @pytest.mark.parametrize(
     ("body", "found"),
     [

@@ -95,5 +95,7 @@ def test_the_command_line_says_what_it_minimises(pool, tmp_path, monkeypatch):
     assert done.exit_code == 0, done.exception
     assert "step 2/2  matching loss " in done.output
     assert f"{out}: matching loss " in done.output.replace("\n", "")
-    assert CheckpointMetadata.read(out).metrics.keys() >= {"train_matching", "without_actions"}
+    metrics = CheckpointMetadata.read(out).metrics
+    assert metrics["train_matching"] > 0.0
+    assert not any(name.startswith("held_out") for name in metrics)  # a held-out batch has one sentence
     assert (out / METADATA_FILE).exists()
