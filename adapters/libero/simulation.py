@@ -42,11 +42,12 @@ from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.control import ControlLoop, Version
 from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
+from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.scene_control import SceneControls
-from robogauntlet.suites.episode import FIRST_TRAINING_SEED, View
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED, RenderProfile, View
 
 CONTROL_HZ = 20.0
 REACHED = (0.262, 0.236)
@@ -88,6 +89,8 @@ class LiberoSimulation(MujocoSimulation):
         limits = robot.controller.output_max
         spec = ActionSpec(REACHED[0] * float(limits[0]), REACHED[1] * float(limits[3]), CONTROL_HZ)
         super().__init__(package.mujoco, env, view, task.instruction, spec)
+        if view.render_profile is RenderProfile.FAST_2:
+            simplify_meshes(package.mujoco, self._model, textured=True)
         self._states = package.stored_states(task.libero_suite, task.name)
         expected = (STORED_STATES, 1 + self._model.nq + self._model.nv)
         if self._states.shape != expected:
@@ -278,7 +281,7 @@ SIMULATOR = Simulator(
     title="LIBERO (robosuite 1.4, MuJoCo)",
     tasks={name: task.description for name, task in libero_tasks().items()},
     modules=("libero", "robosuite", "mujoco", "bddl"),
-    distributions=("hf-libero", "robosuite", "mujoco", "numba"),
+    distributions=("hf-libero", "robosuite", "mujoco", "numba", "fast-simplification"),
     references=(references.LIBERO, references.ROBOSUITE, references.MUJOCO),
     open=open_simulation,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
@@ -287,6 +290,7 @@ SIMULATOR = Simulator(
         "mujoco==3.3.7",
         "numpy==1.26.4",
         "numba>=0.60",
+        "fast-simplification==0.2.0",
         "opencv-python==4.11.0.86",
         "gymnasium>=1.0",
         "matplotlib>=3.9",

@@ -17,7 +17,7 @@ from robogauntlet.adapters.libero.tasks import libero_tasks
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
-from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, View
+from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, RenderProfile, View
 from tests.adapters.goals import check_goal
 
 pytestmark = [
@@ -77,6 +77,22 @@ def native_episode(task, actions):
     images = {"third_person": seen["agentview_image"], "wrist": seen["robot0_eye_in_hand_image"]}
     proprioception = np.concatenate([seen["robot0_eef_pos"], seen["robot0_eef_quat"], seen["robot0_gripper_qpos"]])
     return state, images, proprioception
+
+
+@pytest.mark.parametrize("task", [DRAWER, FLOOR])
+def test_fast_2_draws_fewer_triangles_that_look_and_move_the_same(task):
+    images, states, triangles = [], [], []
+    for profile in (RenderProfile.FAST, RenderProfile.FAST_2):
+        with closing(SIMULATOR.open(task, View(CAMERAS, 96, profile))) as simulation:
+            simulation.reset(SEED)
+            simulation.step(np.array([0.01, 0.01, -0.01, 0.0, 0.0, 0.02, 1.0]))
+            images.append(np.concatenate(list(simulation.observe().images.values())).astype(int))
+            states.append(simulation.state_hash())
+            meshes = simulation._model.geom_dataid[simulation._model.geom_dataid >= 0]
+            triangles.append(int(simulation._model.mesh_facenum[meshes].sum()))
+    assert states[0] == states[1]
+    assert triangles[1] < 0.6 * triangles[0]
+    assert 0 < (np.abs(images[0] - images[1]).max(axis=2) > 16).mean() < 0.03
 
 
 def test_an_episode_is_liberos_own_to_the_bit_in_state_and_images(drawer):

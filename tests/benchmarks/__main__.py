@@ -23,8 +23,17 @@ BENCHMARKS = (
     "workers",
 )
 LONG = (
-    *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "failure_kinds", "libero_oracles", "mergevla"),
-    *("million", "opening", "operators", "paper_size", "readers", "resume", "scale"),
+    *(
+        "ablations",
+        "clusters_found",
+        "coverage",
+        "crowd",
+        "dashboard",
+        "failure_kinds",
+        "libero_frames",
+        "libero_oracles",
+    ),
+    *("mergevla", "million", "opening", "operators", "paper_size", "readers", "resume", "scale"),
     *("oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")

@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,10 @@ WHOLE, CULLED, SIMPLIFIED = "whole", "culled", "simplified"
 """Kinds of frames: `fast` with all shapes drawn, `fast`, and `fast-2`."""
 
 
-def measure() -> list[dict[str, object]]:
+def measure(tasks: Sequence[str] = TASKS) -> list[dict[str, object]]:
     """Milliseconds per observation of one camera of 96 px, medians; shapes and triangles drawn where known."""
     rows: list[dict[str, object]] = []
-    for task in TASKS:
+    for task in tasks:
         for camera in catalog.task_descriptions()[task].cameras:
             profiles = {WHOLE: RenderProfile.FAST, CULLED: RenderProfile.FAST, SIMPLIFIED: RenderProfile.FAST_2}
             opened: dict[str, Any] = {
