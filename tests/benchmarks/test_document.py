@@ -96,6 +96,16 @@ def test_what_the_page_says_of_other_bases_is_in_the_rows():
     assert len(apart) == 4
 
 
+def test_what_the_page_of_libero_says_of_fast_2_is_in_the_rows():
+    rows = json.loads((MEASUREMENTS / "libero_frames.json").read_text(encoding="utf-8"))["rows"]
+    times = [row["simplified"] for row in rows]
+    shares = [100 * row["simplified"] / row["culled"] for row in rows]
+    said = (
+        f"{min(times):.0f} to {max(times):.0f} ms with the profile `fast-2`, {min(shares):.0f} to {max(shares):.0f} %"
+    )
+    assert said in (ROOT / "docs/libero.md").read_text(encoding="utf-8")
+
+
 def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
     for row in json.loads((MEASUREMENTS / "shifted_routing.json").read_text(encoding="utf-8"))["rows"]:
         rates = shifted_routing.rates(row["decisions"], sorted(shifted_routing.SENTENCES))
