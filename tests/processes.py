@@ -1,8 +1,11 @@
 """Commands in new processes that import this repository's package."""
 
+import contextlib
 import os
 import subprocess
 import sys
+
+import psutil
 
 from tests import ROOT
 
@@ -24,3 +27,25 @@ def run_process(command, cwd=ROOT, *, paths=(), timeout=300, **variables):
 def run_gauntlet(*arguments, **options):
     """Run `robogauntlet ...` as `run_process` does."""
     return run_process([*GAUNTLET, *arguments], **options)
+
+
+def started_by(command, words=""):
+    """The processes below `command` with these words in their command line, without those that end meanwhile."""
+    found = []
+    with contextlib.suppress(psutil.NoSuchProcess):
+        for child in psutil.Process(command.pid).children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
+                found += [child] if words in " ".join(child.cmdline()) else []
+    return found
+
+
+def listening_addresses(command):
+    """The IP addresses on which the command and all that it started listen."""
+    found = set()
+    for process in (psutil.Process(command.pid), *started_by(command)):
+        with contextlib.suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
+            sockets = process.net_connections("inet")
+            found |= {
+                socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN
+            }
+    return found

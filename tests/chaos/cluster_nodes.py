@@ -188,7 +188,9 @@ def _holding(pid: int) -> int:
     deadline = time.monotonic() + END_S
     while time.monotonic() < deadline:
         family = [psutil.Process(pid), *psutil.Process(pid).children()]
-        if held := [process.pid for process in family if process.name() == "sleep"]:
-            return held[0]
+        for process in family:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                if process.name() == "sleep":
+                    return process.pid
         time.sleep(0.01)
     raise TimeoutError("unshare has made no namespace")

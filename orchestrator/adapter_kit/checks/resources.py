@@ -31,7 +31,7 @@ def closes(subject: CheckedTask) -> Iterator[Violation]:
     """Closing ends the processes, threads and files of a task, and may be done twice."""
     own = psutil.Process()
     counts: dict[str, Callable[[], int]] = {
-        "child process": lambda: sum(child.status() != psutil.STATUS_ZOMBIE for child in own.children(recursive=True)),
+        "child process": lambda: sum(map(_runs, own.children(recursive=True))),
         "Python thread": threading.active_count,
         "thread": own.num_threads,
         "file descriptor": own.num_fds,
@@ -57,6 +57,14 @@ def _open_and_close(subject: CheckedTask) -> None:
     simulation.close()
     del simulation
     gc.collect()
+
+
+def _runs(process: psutil.Process) -> bool:
+    """Whether the process still runs, and is not a zombie."""
+    try:
+        return bool(process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
 
 
 def _settled(count: Callable[[], int], before: int) -> int:

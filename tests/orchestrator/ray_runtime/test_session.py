@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for_workers
-from tests.processes import GAUNTLET
+from tests.processes import GAUNTLET, listening_addresses, run_process, started_by
 
 
 @pytest.mark.parametrize(
@@ -30,13 +30,12 @@ def test_workers_fit_cores_and_memory_and_are_at_least_one(resources, workers, m
 SESSION = """
 import json, os, psutil, ray
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
+from tests.processes import listening_addresses
 
 before = {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 with ray_session(address=None, workers=1):
     token = os.environ["RAY_AUTH_MODE"]
-    family = [psutil.Process(), *psutil.Process().children(recursive=True)]
-    sockets = [socket for process in family for socket in process.net_connections("inet")]
-listening = {socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN}
+    listening = listening_addresses(psutil.Process())
 same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 print(json.dumps({"mode": token, "listening": sorted(listening), "environment as before": same}))
 """
@@ -45,7 +44,7 @@ print(json.dumps({"mode": token, "listening": sorted(listening), "environment as
 @pytest.mark.ray
 def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(monkeypatch):
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
-    done = subprocess.run([sys.executable, "-c", SESSION], check=True, capture_output=True, text=True, timeout=120)
+    done = run_process([sys.executable, "-c", SESSION])
     answer = json.loads(done.stdout.splitlines()[-1])
     assert answer == {"mode": "token", "listening": ["127.0.0.1"], "environment as before": True}
 
@@ -90,15 +89,13 @@ def test_a_run_listens_on_loopback_only(tmp_path):
         [*GAUNTLET, "run", "suite.yaml", "--out", "run", "--no-media"], cwd=tmp_path, stdout=subprocess.DEVNULL
     )
     try:
-        while not any(process.name().startswith("ray::Worker.play") for process in command.children(recursive=True)):
+        while not started_by(command, "ray::Worker.play"):
             assert command.poll() is None
             time.sleep(0.1)
-        family = [command, *command.children(recursive=True)]
-        sockets = [socket for process in family for socket in process.net_connections("inet")]
+        listening = listening_addresses(command)
     finally:
         command.terminate()
         command.wait(60)
-    listening = {socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN}
     assert listening == {"127.0.0.1"}
 
 

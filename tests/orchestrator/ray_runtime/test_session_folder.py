@@ -1,6 +1,5 @@
 """Nothing of a session is left, however the process that began it ends."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -12,7 +11,7 @@ import psutil
 import pytest
 
 from robogauntlet.orchestrator.ray_runtime import session_folder
-from tests.processes import GAUNTLET, run_process
+from tests.processes import GAUNTLET, run_process, started_by
 
 WITHIN_S = 30.0
 SUITE = "name: s\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 200}\nworkers: 2\n"
@@ -39,13 +38,13 @@ def test_half_a_minute_after_sigkill_nothing_of_a_run_is_left(tmp_path):
     command = psutil.Popen(
         [*GAUNTLET, "run", "suite.yaml", "--out", "run", "--no-media"], cwd=tmp_path, stdout=subprocess.DEVNULL
     )
-    while not (workers := [child for child in family(command) if "Worker.play" in child.name()]):
+    while not (workers := started_by(command, "Worker.play")):
         assert command.poll() is None
         time.sleep(0.1)
     temporary = Path(workers[0].environ()["TMPDIR"])
     assert temporary.is_dir()
-    started = family(command)
-    assert any(child.name() == "raylet" for child in started)
+    started = started_by(command)
+    assert started_by(command, "raylet")
     command.send_signal(signal.SIGKILL)
     command.wait()
     deadline = time.monotonic() + WITHIN_S
@@ -72,9 +71,3 @@ def test_the_guard_of_a_living_process_ends_and_removes_nothing(tmp_path):
         process.communicate(timeout=60)
     assert process.returncode == 0
     assert (tmp_path / "tmp").is_dir()
-
-
-def family(command):
-    with contextlib.suppress(psutil.NoSuchProcess):
-        return command.children(recursive=True)
-    return []

@@ -17,7 +17,7 @@ from robogauntlet.results.store import limited_reader
 from robogauntlet.results.store.exported_file import LONGEST_TEXT, reading_time_s
 from robogauntlet.results.store.run_archive import import_run
 from tests.errors import one_line_error
-from tests.processes import GAUNTLET, environment_of
+from tests.processes import GAUNTLET, environment_of, started_by
 from tests.results.store.test_exported_file import RESULTS, export
 from tests.results.synthetic import cells, row
 
@@ -34,7 +34,7 @@ def refuse(file, match):
 
 def readers():
     """Processes of this one that read a run."""
-    return [child for child in psutil.Process().children(recursive=True) if "limited_reader" in str(child.cmdline())]
+    return started_by(psutil.Process(), "limited_reader")
 
 
 def instead(monkeypatch, code):
@@ -171,7 +171,7 @@ def test_an_interrupted_import_leaves_neither_process_nor_files(tmp_path, number
     )
     command = [sys.executable, "-c", script + GAUNTLET[-1], "import", str(file), "--out", str(tmp_path / "new" / "run")]
     with subprocess.Popen(command, cwd=tmp_path, env=environment_of(), stderr=subprocess.PIPE, text=True) as process:
-        while not (found := [c.pid for c in psutil.Process(process.pid).children() if code in c.cmdline()]):
+        while not (found := [child.pid for child in started_by(process, code)]):
             assert process.poll() is None, process.stderr.read()
             time.sleep(0.05)
         os.kill(process.pid, number)
