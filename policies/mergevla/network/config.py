@@ -156,7 +156,7 @@ class Architecture(Stored):
     tokenizer: str
     """`words` for hashed words, else what `transformers.AutoTokenizer` can load: a folder or a hub id."""
     prompt_tokens: Size
-    """Length to which prompts are padded."""
+    """Length to which shorter prompts are padded."""
     cameras: tuple[str, ...] = CAMERAS
     chunk_length: Size = 8
     action_dim: Size = ACTION_DIM

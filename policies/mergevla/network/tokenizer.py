@@ -19,10 +19,6 @@ QUESTION = "What action should the robot take to {instruction}?"
 PADDING, START, RESERVED = 0, 1, 2
 
 
-class PromptTooLong(PolicyError):
-    """An instruction does not fit into the prompt."""
-
-
 @dataclass(frozen=True)
 class Prompts:
     """A batch of prompts, padded after the first token.
@@ -79,12 +75,11 @@ def _chat(pretrained: object, instruction: str) -> list[int]:
 
 
 def _pad(rows: Sequence[Sequence[int]], length: int) -> Prompts:
-    """Pad token ids to `length` as `Prompts` describes. Raises PromptTooLong for a longer row."""
+    """Pad token ids to `length`, or to the longest row, as `Prompts` describes."""
+    length = max(length, *map(len, rows))
     ids = torch.full((len(rows), length), PADDING, dtype=torch.long)
     present = torch.zeros((len(rows), length), dtype=torch.bool)
     for index, row in enumerate(rows):
-        if len(row) > length:
-            raise PromptTooLong(f"expected a prompt of at most {length} tokens, got {len(row)}")
         rest = len(row) - 1
         ids[index, 0], present[index, 0] = row[0], True
         if rest:

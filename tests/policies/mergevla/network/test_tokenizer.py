@@ -1,10 +1,8 @@
 """Prompts: stable ids, and padding between the first token and the rest."""
 
-import pytest
-
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.policies.mergevla.network.config import TINY
-from robogauntlet.policies.mergevla.network.tokenizer import PromptTooLong, tokenizer_for, word_ids
+from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for, word_ids
 from tests.policies.zoo import WITH_EXPERTS
 
 
@@ -13,11 +11,10 @@ def test_words_have_the_same_ids_on_every_machine_in_any_case():
     assert word_ids("push the cube", 1024) == [1, 648, 937, 876]
 
 
-def test_the_instructions_of_tasks_with_experts_fit_and_no_two_words_of_them_share_an_id():
+def test_no_two_words_of_the_tasks_with_experts_share_an_id():
     instructions = {task_descriptions()[task].instruction for task in WITH_EXPERTS}
     words = {word for instruction in instructions for word in instruction.split()}
     assert len({word_ids(word, TINY.language.vocabulary)[1] for word in words}) == len(words)
-    tokenizer_for(TINY)(sorted(instructions))
 
 
 def test_padding_is_between_the_first_token_and_the_rest():
@@ -27,6 +24,8 @@ def test_padding_is_between_the_first_token_and_the_rest():
     assert prompts.present.sum(1).tolist() == [4, 2]
 
 
-def test_a_prompt_that_does_not_fit_is_refused():
-    with pytest.raises(PromptTooLong, match="at most 16 tokens, got 21"):
-        tokenizer_for(TINY)(["push " * 20])
+def test_a_long_instruction_has_all_its_words():
+    long = " ".join(f"word{number}" for number in range(20))
+    prompts = tokenizer_for(TINY)([long, "reach"])
+    assert prompts.ids[0].tolist() == word_ids(long, TINY.language.vocabulary)
+    assert prompts.present.sum(1).tolist() == [21, 2]
