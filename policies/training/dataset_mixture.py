@@ -95,14 +95,6 @@ class DatasetMixture:
             )
         return TaskStatistics(by_task)
 
-    def pooled_statistics(self, name: str) -> TaskStatistics:
-        """Normalisation statistics of all training frames together, under that name."""
-        parts = list(zip(self.datasets, self._train, strict=True))
-        actions = np.concatenate([dataset.actions[frames] for dataset, frames in parts])
-        return TaskStatistics(
-            {name: Statistics.of(actions, np.concatenate([dataset.states[frames] for dataset, frames in parts]))}
-        )
-
     @cached_property
     def data_hash(self) -> str:
         """Hash of all numbers and pixels."""

@@ -190,8 +190,8 @@ def finetune(
     """Train an expert from a base, adapters on the backbone and all other weights, and save it to `out`.
 
     Args:
-        mixture: Demonstrations of the expert's tasks. Their statistics normalise, as in the paper; those of several
-            tasks are of all frames together, since a router chooses the expert, not one of its tasks.
+        mixture: Demonstrations of the expert's tasks. Their statistics normalise, as in the paper; several tasks have
+            them in common, since a router chooses the expert, not one of its tasks.
         base: The base's folder or hub id; it must stay in place.
         out: See `pretrain`, as for the other arguments. Its name becomes that of an expert of several tasks.
         settings: Training settings.
@@ -221,7 +221,7 @@ def finetune(
     several = len(mixture.tasks) > 1
     metadata = CheckpointMetadata(
         start.model.architecture,
-        mixture.pooled_statistics(out.resolve().name) if several else mixture.statistics,
+        mixture.statistics.together(out.resolve().name) if several else mixture.statistics,
         trained_on=mixture.tasks if several else (),
         action_steps=action_steps,
         lora=lora,

@@ -62,6 +62,12 @@ class Quantiles:
         missing = np.where(span > SMALLEST_RANGE, np.maximum(np.array(least) - span, 0.0), 0.0)
         return Quantiles(tuple((low - missing / 2).tolist()), tuple((low + span + missing / 2).tolist()))
 
+    @classmethod
+    def widest(cls, ranges: Sequence[Quantiles]) -> Quantiles:
+        """Return the smallest ranges that contain the ranges of the same numbers."""
+        low = np.min([one.q01 for one in ranges], axis=0)
+        return cls(tuple(low.tolist()), tuple(np.max([one.q99 for one in ranges], axis=0).tolist()))
+
     def normalise(self, values: ArrayLike) -> FloatArray:
         """Map q01 .. q99 to -1 .. +1 and clip to it, last axis by number."""
         low, span = self._low_and_span()
@@ -161,6 +167,15 @@ class TaskStatistics(Stored):
         if len(self.by_task) > 1:
             raise StatisticsError(f"expected one of the trained tasks {', '.join(self.by_task)}, got '{task}'")
         return next(iter(self.by_task.values()))
+
+    def together(self, name: str) -> TaskStatistics:
+        """Return one set of statistics for all tasks, under that name: each number has its widest range.
+
+        Quantiles of all frames together would cut off motions that one task of many has.
+        """
+        every = self.by_task.values()
+        action = Quantiles.widest([one.action for one in every])
+        return TaskStatistics({name: Statistics(action, Quantiles.widest([one.proprioception for one in every]))})
 
     def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:
         """Map actions (b, ..., 7) of b tasks to [-1, 1]."""

@@ -205,8 +205,8 @@ def test_an_expert_is_trained_on_several_tasks_and_merged_by_commands(tmp_path, 
     )
     metadata = CheckpointMetadata.read(tmp_path / "experts" / NAME)
     assert (metadata.tasks, metadata.expert) == (BOTH, NAME)
-    together = DatasetMixture.open([tmp_path / "data" / "Reach", tmp_path / "data" / "Slow"]).pooled_statistics(NAME)
-    assert metadata.statistics == together
+    together = DatasetMixture.open([tmp_path / "data" / "Reach", tmp_path / "data" / "Slow"]).statistics
+    assert metadata.statistics == together.together(NAME)
     output = policies("merge", "experts", "--out", "merged", "--demonstrations", "data", "--lambda", "auto")
     assert f"{NAME}: lambda" in output
     assert load_merged(tmp_path / "merged").metadata.recipe.lambda_.keys() == {NAME, TASKS[2]}

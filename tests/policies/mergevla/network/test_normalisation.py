@@ -91,3 +91,11 @@ def test_small_ranges_of_actions_are_widened_and_constant_ones_stay_constant():
     assert np.ptp(statistics.normalise_actions(actions), axis=0)[[0, 4]].tolist() == pytest.approx([2.0, 0.4])
     assert statistics.restore_actions(np.full((1, 7), 0.3))[0, 5] == 0.0
     np.testing.assert_allclose(statistics.restore_actions(statistics.normalise_actions(actions))[:, 4], actions[:, 4])
+
+
+@given(arrays(np.float64, (5, 7), elements=st.floats(-1, 1)), st.integers(0, 1))
+def test_statistics_of_several_tasks_together_cut_off_no_motion_of_one(normalised, task):
+    both = TaskStatistics({"a/x": some_statistics(0), "b/y": some_statistics(1)})
+    own = both.of(("a/x", "b/y")[task]).restore_actions(normalised)
+    together = both.together("expert").of("a/x")
+    np.testing.assert_allclose(together.restore_actions(together.normalise_actions(own)), own, atol=1e-9)
