@@ -1,7 +1,7 @@
 """Paraphrases of the tasks' instructions, one per severity, and instructions that ask for another goal.
 
 1 adds a filler, 2 uses synonyms, 3 changes the syntax, 4 refers to objects by kind or place, 5 adds an irrelevant
-clause. Sentences have at most 15 words, the limit of the smallest policies.
+clause. Sentences have at most 15 words.
 """
 
 from __future__ import annotations
@@ -160,6 +160,17 @@ OTHER_GOALS: Mapping[str, str] = MappingProxyType(
         "put the cereal box into its compartment of the bin": "lay the cereal box down where it is",
         "put the square nut on the square peg": "put the square nut on the round peg",
         "put the round nut on the round peg": "put the round nut on the square peg",
+        # LIBERO's suite goal has one scene, so these are each other's.
+        "open the middle drawer of the cabinet": "push the plate to the front of the stove",
+        "put the bowl on the stove": "put the bowl on the plate",
+        "put the wine bottle on top of the cabinet": "put the cream cheese in the bowl",
+        "open the top drawer and put the bowl inside": "put the bowl on the stove",
+        "put the bowl on top of the cabinet": "put the wine bottle on top of the cabinet",
+        "push the plate to the front of the stove": "open the middle drawer of the cabinet",
+        "put the cream cheese in the bowl": "turn on the stove",
+        "turn on the stove": "put the bowl on the stove",
+        "put the bowl on the plate": "put the bowl on top of the cabinet",
+        "put the wine bottle on the rack": "put the wine bottle on top of the cabinet",
     }
 )
 """Instruction to one with another goal that is possible in the same scene."""

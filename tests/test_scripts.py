@@ -57,7 +57,14 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
 
 @pytest.mark.parametrize(
     ("script", "verbs"),
-    [("zoo.sh", 23), ("training_controls.sh", 298), ("varied_experts.sh", 5), ("arms.sh", 14), ("meta_world.sh", 40)],
+    [
+        ("zoo.sh", 23),
+        ("training_controls.sh", 298),
+        ("varied_experts.sh", 5),
+        ("arms.sh", 14),
+        ("meta_world.sh", 40),
+        ("libero.sh", 28),
+    ],
 )
 def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp_path: Path) -> None:
     commands = commands_of(script, tmp_path)
@@ -72,7 +79,9 @@ def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Pat
     assert {values["steps"] for values in options if "steps" in values} == {13, 15, 18, 32, 40, 50, 90, 120, 140}
 
 
-@pytest.mark.parametrize("script", ["zoo.sh", "training_controls.sh", "varied_experts.sh", "meta_world.sh"])
+@pytest.mark.parametrize(
+    "script", ["zoo.sh", "training_controls.sh", "varied_experts.sh", "meta_world.sh", "libero.sh"]
+)
 @pytest.mark.parametrize("percent", ["0", "-1", "half", "1000", "1.5"])
 def test_a_share_that_is_no_whole_percent_is_refused_first(script: str, percent: str, tmp_path: Path) -> None:
     with pytest.raises(subprocess.CalledProcessError) as refused:
