@@ -1,0 +1,36 @@
+#!/usr/bin/env bash
+# Four experts of LIBERO, one per suite, on the zoo's base, which has seen none of it: demonstrations of six tasks each,
+# the first that oracles solve in at least 45 of their 50 stored states, and an expert. Finished parts are skipped and
+# stopped ones continue, so the same command goes on after any interruption. `LIBERO=FOLDER python -m tests.benchmarks
+# libero_experts` plays them, `libero_merges` merges them.
+# Usage: scripts/libero.sh [FOLDER] [SUITE...]   (default runs/libero and all four). Takes two hours on two cores, after
+# `robogauntlet env create libero`.
+# PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+. scripts/percent.sh
+FOLDER=${1:-runs/libero${PERCENT:+-$PERCENT-percent}}
+shift || true
+SUITES=${*:-goal object spatial 10}
+ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
+export OMP_NUM_THREADS=1
+
+expert() {
+    local tasks number data="$FOLDER/demonstrations/$1" out="$FOLDER/experts/libero-$1"
+    case $1 in
+    spatial) tasks="0 1 2 3 5 6" ;; object) tasks="0 1 2 3 4 5" ;; goal) tasks="1 2 4 6 7 8" ;; 10) tasks="0 1 2 3 4 6" ;;
+    *) echo "SUITE: expected spatial, object, goal or 10, got '$1'" >&2; return 2 ;;
+    esac
+    # One task after the other, since one process at a time records into a folder.
+    for number in $tasks; do
+        "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$data" --episodes "$(few 50)" \
+            --render-profile fast-2 --workers 1
+    done
+    [ -e "$out/card.json" ] ||
+        "$ROBOGAUNTLET" policies finetune "$data" --base zoo:base --out "$out" --steps "$(few 6000)" \
+            --learning-rate 1e-3 --shift 2 --action-steps 4 --adapt-convolutions
+}
+export -f expert
+export FOLDER ROBOGAUNTLET
+# shellcheck disable=SC2086  # suites are several words
+printf '%s\n' $SUITES | xargs -P 2 -I SUITE bash -euo pipefail -c 'expert "$1"' expert SUITE
