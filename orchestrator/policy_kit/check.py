@@ -18,7 +18,15 @@ from robogauntlet.orchestrator.policy_kit import actions, motion, observation, r
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.orchestrator.policy_kit.picture import draw_picture
 from robogauntlet.orchestrator.policy_kit.recording import InvalidAnswer, Play, play
-from robogauntlet.policies.contract import Policy, PolicyInput, PolicyMismatch, PolicySpec, Query, check_fit
+from robogauntlet.policies.contract import (
+    Policy,
+    PolicyInput,
+    PolicyMismatch,
+    PolicySpec,
+    Query,
+    check_fit,
+    check_tasks,
+)
 from robogauntlet.policies.remote.conversion import EncodesImages
 from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, View
 
@@ -111,6 +119,7 @@ class _Check:
     def findings(self) -> Iterator[Finding | Image]:
         probe, policy, simulation = self._probe, self._policy, self._simulation
         check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
+        check_tasks(policy.spec, [probe.task])
         first, other, again = (play(simulation, policy, self._episode(seed)) for seed in (0, 1, 0))
         plays, spec = [first, other], simulation.action_spec
         executed = np.concatenate([played.actions() for played in plays])

@@ -32,7 +32,7 @@ from robogauntlet.policies.training.lerobot_format import (
     numbers,
     spec_of,
 )
-from robogauntlet.suites.episode import content_hash
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED, content_hash
 from robogauntlet.support.errors import first_line
 from robogauntlet.support.json_text import parse_json
 
@@ -266,6 +266,21 @@ def find_datasets(folders: Sequence[Path]) -> list[Path]:
             raise DatasetError(f"{folder}: expected a dataset ({INFO_FILE}) or a folder of them, got none")
         datasets |= found
     return sorted(datasets.values())
+
+
+def open_datasets(folders: Sequence[Path]) -> list[Demonstrations]:
+    """Open the datasets in these folders (datasets or folders of them).
+
+    Raises DatasetError as `find_datasets` does, and for a dataset with a seed that suites play.
+    """
+    datasets = [Demonstrations(path) for path in find_datasets(folders)]
+    for dataset in datasets:
+        if evaluated := sorted(seed for seed in dataset.seeds if seed < FIRST_TRAINING_SEED):
+            raise DatasetError(
+                f"{dataset.folder}: expected seeds from {FIRST_TRAINING_SEED} on, which suites do not play, "
+                f"got {evaluated[0]}: a policy that is trained on it would be evaluated on what it has seen"
+            )
+    return datasets
 
 
 def datasets_of(folders: Sequence[Path], tasks: Sequence[str]) -> list[Demonstrations]:

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics
-from robogauntlet.policies.training.dataset import Batch, Demonstrations, find_datasets, pooled_hash
+from robogauntlet.policies.training.dataset import Batch, Demonstrations, open_datasets, pooled_hash
 from robogauntlet.policies.training.lerobot_format import DatasetError
-from robogauntlet.suites.episode import FIRST_TRAINING_SEED
 
 HELD_OUT_EVERY = 10
 """The last of every ten episodes is held out."""
@@ -61,13 +60,7 @@ class DatasetMixture:
 
         Raises DatasetError if a dataset starts as an evaluation would: it has a seed that suites play.
         """
-        mixture = cls([Demonstrations(path) for path in find_datasets(folders)])
-        for dataset in mixture.datasets:
-            if evaluated := sorted(seed for seed in dataset.seeds if seed < FIRST_TRAINING_SEED):
-                raise DatasetError(
-                    f"{dataset.folder}: expected seeds from {FIRST_TRAINING_SEED} on, which suites do not play, "
-                    f"got {evaluated[0]}: a policy that is trained on it would be evaluated on what it has seen"
-                )
+        mixture = cls(open_datasets(folders))
         for dataset in mixture.datasets:
             dataset.preload()
         return mixture

@@ -55,7 +55,7 @@ SEARCHED = {
     ("orcale", "zero", ""): "got 'orcale'; did you mean 'oracle'?",
     ("oracle", "nowhere/checkpoint", ""): "expected openpi://HOST:PORT, python:MODULE:NAME",
     ("oracle", "zoo:nothing", ""): "expected the name of a shipped checkpoint after 'zoo:', got",
-    ("oracle", "replay", ""): "policy 'replay' cannot act in 'null/Reach'",
+    ("oracle", "replay", ""): "policy 'replay' does not fit: it cannot act in null/Reach; it can in ",
     ("oracle", "zero", "--task null/Rech"): "unknown task 'null/Rech'; did you mean 'null/Reach'?",
     ("oracle", "zero", "--task 'null/Re*'"): "duplicate task 'null/Reach'",
     ("oracle", "zero", "--task nul/Reach"): "unknown simulator 'nul'",

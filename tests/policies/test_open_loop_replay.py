@@ -10,7 +10,8 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.policies import open_loop_replay
 from robogauntlet.policies.contract import PolicyError, Query
-from robogauntlet.suites.episode import Episode, Protocol, RenderProfile, View
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED, Episode, Protocol, RenderProfile, View
+from tests.policies.training.synthetic import recording, write
 from tests.policies.zoo import WITH_EXPERTS
 
 
@@ -35,6 +36,28 @@ def test_the_demonstration_is_played_from_the_first_step_and_then_held():
     assert (found[len(actions) :, 6] == actions[-1, 6]).all()
 
 
+def test_the_first_episode_of_given_datasets_is_played(tmp_path):
+    recorded = [recording(FIRST_TRAINING_SEED + number, steps=8) for number in range(2)]
+    write(tmp_path / "Reach", recorded)
+    options = {"demonstrations": str(tmp_path)}
+    policy = open_loop_replay.REPLAY.load(options)
+    (decision,) = policy.act([Query(episode("null/Reach"), 0)])
+    np.testing.assert_allclose(decision.actions, recorded[0].actions, atol=1e-6)
+    assert policy.spec.tasks == {"null/Reach"}
+    assert open_loop_replay.REPLAY.digest(options) != open_loop_replay.REPLAY.digest({})
+
+
+@pytest.mark.parametrize(
+    ("demonstrations", "message"),
+    [(7, "a folder of datasets, got 7"), ("nowhere", "a folder of them, got none"), ("evaluated", "got 3: a policy")],
+)
+def test_demonstrations_that_cannot_be_played_are_refused(tmp_path, monkeypatch, demonstrations, message):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "evaluated" / "Reach", [recording(3)])
+    with pytest.raises(PolicyError, match=rf"^policy 'replay': [^\n]*{message}"):
+        open_loop_replay.REPLAY.load({"demonstrations": demonstrations})
+
+
 def test_a_task_without_a_demonstration_is_refused():
     with pytest.raises(PolicyError, match="expected a task with a recorded demonstration, got 'null/Reach'"):
         open_loop_replay.ReplayPolicy().reset([episode("null/Reach")])
@@ -50,7 +73,6 @@ def test_a_broken_file_is_refused_in_one_line(tmp_path, monkeypatch, text):
     open_loop_replay.replays.cache_clear()
     with pytest.raises(PolicyError, match=r"^replays.json: expected [^\n]*$"):
         open_loop_replay.replays()
-    assert open_loop_replay.REPLAY.tasks() == frozenset()
     open_loop_replay.replays.cache_clear()
 
 

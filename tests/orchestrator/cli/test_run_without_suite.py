@@ -62,7 +62,10 @@ def own(folder):
         (("s.yaml", "--option", "folder=."), "--option: expected --policy with a policy that the suite lacks"),
         (("s.yaml", "--policy", "orcale"), "s.yaml: the suite has no policy 'orcale'; did you mean 'oracle'?"),
         (("s.yaml", "--policy", "python:mine:atc"), "mine has no 'atc'; did you mean 'act'?"),
-        (("s.yaml", "--policy", "replay", *TASK), "policy 'replay' cannot act in 'null/Reach'"),
+        (
+            ("s.yaml", "--policy", "replay", *TASK),
+            "policy 'replay' does not fit: it cannot act in null/Reach; it can in ",
+        ),
         (("free.yaml",), "free.yaml: the suite needs a policy; add --policy with openpi://HOST:PORT, "),
     ],
 )
