@@ -30,6 +30,7 @@ LONG = (
         "crowd",
         "dashboard",
         "failure_kinds",
+        "libero_cost",
         "libero_frames",
         "libero_oracles",
     ),
@@ -39,7 +40,7 @@ LONG = (
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = (
     *("arms", "merges", "more_experts", "more_experts_routing", "routers", "training_controls", "unknown_tasks"),
-    *("shifted_routing", "varied_experts"),
+    *("shifted_routing", "libero_experts", "libero_merges", "varied_experts"),
 )
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""

@@ -1,0 +1,141 @@
+"""MergeVLA's Table 1 at a small size: the four experts of LIBERO merged, on the stored states, the paper's rows beside.
+
+`LIBERO=FOLDER python -m tests.benchmarks libero_merges` (default `runs/libero`) merges and plays the experts of
+`scripts/libero.sh`. What is finished in the folder is kept, so that the same command continues.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from robogauntlet.policies.mergevla.options import expert_folders
+from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
+from tests.benchmarks.document import write_episodes
+from tests.benchmarks.libero_experts import STATES, SUITES, by_suite, experts_in, folder_of_experts, suite_of, tasks_of
+from tests.benchmarks.operators import percent
+from tests.benchmarks.shared import merged_policy, play_policies, table_of
+from tests.processes import run_gauntlet
+
+EXPERTS = "experts"
+WAYS: dict[str, tuple[str, dict[str, Any]]] = {
+    "none-4": ("four bits each, not merged", {"operator": "none", "masks": "none", "options": {"bits": 4}}),
+    "magnitude-2": ("two bits of magnitudes", {"operator": "magnitude", "masks": "signs", "rounds": 2}),
+    "ties-published-s": ("TIES+S, top 20 % as published", {"operator": "ties-published"}),
+    "ties-s": ("TIES+S, as in the paper's code", {"operator": "ties"}),
+    "wudi-s": ("WUDI+S", {"operator": "wudi"}),
+    "ta-s": ("TA+S", {"operator": "ta"}),
+    "knots-ties-s": ("KnOTS+S", {"operator": "knots-ties"}),
+    "tsv-s": ("TSV+S", {"operator": "tsv"}),
+    "emr": ("EMR", {"operator": "emr", "masks": "emr"}),
+    "ta-s-averaged-trunk": ("TA+S, averaged trunk", {"operator": "ta", "trunk": "mean"}),
+    "ties-s-averaged-trunk": ("TIES+S, averaged trunk", {"operator": "ties", "trunk": "mean"}),
+    "tsv-s-averaged-trunk": ("TSV+S, averaged trunk", {"operator": "tsv", "trunk": "mean"}),
+    "ta": ("TA, no masks", {"operator": "ta", "masks": "none"}),
+    "mean": ("mean, no masks", {"operator": "mean", "masks": "none"}),
+}
+"""Names, titles and recipes; those without masks share all but each expert's deepest block and output layer."""
+ROUTED: dict[str, tuple[str, dict[str, Any]]] = {
+    "magnitude-2-routed": ("calibrated", {}),
+    "magnitude-2-routed-blind": ("calibrated, instruction hidden", {"sees_instruction": False}),
+    "magnitude-2-routed-paper": ("as in the paper's code, per episode", {"router": "paper-coded"}),
+}
+"""Two bits of magnitudes by a router: names, titles and options."""
+PAPER = {
+    EXPERTS: "98 / 99 / 95 / 95",
+    "ties-s-averaged-trunk": "95 / 95 / 92 / 79",
+    "ta-s-averaged-trunk": "98 / 99 / 85 / 77",
+    "wudi-s": "98 / 98 / 86 / 78",
+    "knots-ties-s": "97 / 99 / 85 / 71",
+    "tsv-s-averaged-trunk": "99 / 98 / 74 / 55",
+    "emr": "96 / 63 / 62 / 41",
+}
+"""Success in MergeVLA's Table 1 (arXiv 2511.18810), suite by suite, %. The paper averages the trunk in all merges."""
+EPISODE = ("policy", "task", "seed", "status", "inferred_task")
+COLUMNS = {
+    "way": "{title}",
+    **{title: f"{{{suite}}}" for suite, title in SUITES.items()},
+    "all": "{all}",
+    "of the experts'": "{kept}",
+    "routed right": "{routed}",
+    "in the paper": "{paper}",
+}
+
+
+def measure() -> list[dict[str, object]]:
+    """A row for each way of merging and router; writes the episodes beside the rows."""
+    folder = folder_of_experts()
+    tasks, routers = tasks_of(folder), with_routers(folder)
+    policies = {EXPERTS: experts_in(folder)}
+    for way, (_, recipe) in WAYS.items():
+        policies[way] = merged_policy(routers, recipe=recipe, experts=str(folder / "experts"))
+    for name, (_, options) in ROUTED.items():
+        policies[name] = merged_policy(routers, **{"router": "calibrated", **options})
+    frames = [play_policies(folder, name, {name: policy}, tasks, STATES, EPISODE) for name, policy in policies.items()]
+    frame = pd.concat(frames)
+    write_episodes("libero_merges", frame, ("policy", "task", "seed"))
+    rows = rows_of(frame)
+    table_of(rows, COLUMNS)
+    return rows
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
+    """Success by suite with Wilson's interval, its share of the experts' paired by state, and the router's decisions.
+
+    `frame` has a row per episode, with the columns `EPISODE`.
+    """
+    won = frame.assign(won=frame.status.map({"success": 1.0, "failure": 0.0})).pivot(
+        index=["task", "seed"], columns="policy", values="won"
+    )
+    titles = {EXPERTS: "experts", **{way: title for way, (title, _) in WAYS.items()}}
+    titles |= {name: f"two bits, routed: {title}" for name, (title, _) in ROUTED.items()}
+    rows = []
+    for policy in (name for name in titles if name in won):
+        strata = [Pairs.from_outcomes(*part[[policy, EXPERTS]].to_numpy().T) for _, part in won.groupby("task")]
+        kept = paired_ratio(strata, np.random.default_rng(0))
+        assert kept is not None
+        rows.append(
+            {
+                "policy": policy,
+                "title": titles[policy],
+                **by_suite(won[policy]),
+                "kept": "" if policy == EXPERTS else percent(kept.value, kept.interval),
+                "routed": _routed(frame[frame.policy == policy]) if policy in ROUTED else "",
+                "paper": PAPER.get(policy, ""),
+            }
+        )
+    return rows
+
+
+def _routed(episodes: pd.DataFrame) -> str:
+    """The share of episodes with the right expert, and the suites that are right if their first episode decides."""
+    right = episodes.assign(right=episodes.inferred_task == episodes.task, suite=episodes.task.map(suite_of))
+    first = right.sort_values(["task", "seed"]).groupby("suite").right.first()
+    return f"{100 * right.right.mean():.0f} %; {int(first.sum())} of {len(first)} suites by their first"
+
+
+def with_routers(folder: Path) -> Path:
+    """The merge by two bits of magnitudes, with routers fitted to the demonstrations; made unless it is there."""
+    out = folder / "merges" / "magnitude-2"
+    if not out.exists():
+        experts: Mapping[Path, None] = dict.fromkeys(expert_folders(folder / "experts").values())
+        shown = [word for suite in SUITES for word in ("--demonstrations", folder / "demonstrations" / suite)]
+        merge = run_gauntlet(
+            "policies",
+            "merge",
+            *experts,
+            "--out",
+            out,
+            "--operator",
+            "magnitude",
+            "--rounds",
+            "2",
+            *shown,
+            timeout=3600,
+        )
+        assert merge.returncode == 0, merge.stderr
+    return out
