@@ -39,17 +39,17 @@ COLUMNS = {"policy": "{title}", **{title: f"{{{suite}}}" for suite, title in SUI
 def measure() -> list[dict[str, object]]:
     """A row for each policy and control; writes the episodes beside the rows."""
     folder = folder_of_experts()
-    tasks = tasks_of(folder)
-    told: dict[str, dict[str, Any]] = {"experts": experts_in(folder), "oracle": {"kind": "oracle"}}
-    frames = [play_policies(folder, "told", told, tasks, STATES, EPISODE)]
-    for control in CONTROLS:
-        able = [task for task in tasks if control != "wrong-goal" or suite_of(task) == "goal"]
-        own = {"experts": experts_in(folder)}
-        frames.append(play_policies(folder, control, own, able, STATES, EPISODE, conditions=[control]))
+    experts, tasks = {"experts": experts_in(folder)}, tasks_of(folder)
+    frames = []
     for suite in SUITES:
-        replay = {"replay": {"kind": "replay", "options": {"demonstrations": str(folder / "demonstrations" / suite)}}}
-        able = [task for task in tasks if suite_of(task) == suite]
-        frames.append(play_policies(folder, f"replay-{suite}", replay, able, STATES, EPISODE))
+        own = [task for task in tasks if suite_of(task) == suite]
+        shown = {"kind": "replay", "options": {"demonstrations": str(folder / "demonstrations" / suite)}}
+        told = {**experts, "oracle": {"kind": "oracle"}, "replay": shown}
+        controls = [axis for axis in CONTROLS if suite == "goal" or axis != "wrong-goal"]
+        frames += [
+            play_policies(folder, f"told-{suite}", told, own, STATES, EPISODE),
+            play_policies(folder, f"controls-{suite}", experts, own, STATES, EPISODE, conditions=controls),
+        ]
     frame = pd.concat(frames)
     write_episodes("libero_experts", frame, ("policy", "axis", "task", "seed"))
     rows = rows_of(frame)
