@@ -1,7 +1,7 @@
 """Open-loop replay: the actions of one demonstration of the task, without any observation.
 
 A task or a perturbation that it solves does not measure perception. The demonstrations are the oracles' on a training
-seed, without noise (`scripts/replays.py` records them), or the first of each task in given datasets.
+seed, without noise (`scripts/replays.py` records them), or the first episodes of given datasets.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from robogauntlet.policies.contract import (
     Decision,
     Policy,
     PolicyError,
+    PolicyFiles,
     PolicyInput,
     PolicyKind,
     PolicySpec,
@@ -35,17 +36,12 @@ CHUNK_LENGTH = 8
 
 
 @cache
-def replays(demonstrations: str = "") -> Mapping[str, FloatArray]:
-    """Return each task's (`simulator/task`) demonstrated actions, shape (steps, 7).
-
-    Args:
-        demonstrations: Folder of datasets, or of one; empty for the recorded ones.
+def replays() -> Mapping[str, FloatArray]:
+    """Return each task's (`simulator/task`) recorded actions, shape (steps, 7).
 
     Raises:
-        PolicyError: A file is missing or malformed, or a dataset has a seed that suites play.
+        PolicyError: The file is missing or malformed.
     """
-    if demonstrations:
-        return _first_episodes(Path(demonstrations))
     try:
         document = json.loads(FILE.read_text(encoding="utf-8"))
         found = {task: np.array(entry["actions"], dtype=np.float64) for task, entry in document.items()}
@@ -59,35 +55,53 @@ def replays(demonstrations: str = "") -> Mapping[str, FloatArray]:
     return found
 
 
-def _first_episodes(folder: Path) -> Mapping[str, FloatArray]:
+def demonstrated(folder: Path) -> Mapping[str, FloatArray]:
+    """Return the actions of the first episode of each dataset, task to shape (steps, 7).
+
+    Args:
+        folder: Folder of datasets, or of one.
+
+    Raises:
+        PolicyError: There is none, one cannot be read or has a seed that suites play, two are of one task, or the
+            actions of one are not those that were executed from the task's start.
+    """
     from robogauntlet.policies.training.dataset import open_datasets
     from robogauntlet.policies.training.lerobot_format import DatasetError
 
     try:
         datasets = open_datasets([folder])
+        for dataset in datasets:
+            if not dataset.is_replayable:
+                raise DatasetError(
+                    f"{dataset.folder}: expected episodes without noise and without a learner, since the actions "
+                    "of others are not all that was executed; record it by --noise 0"
+                )
     except DatasetError as error:
         raise PolicyError(f"policy 'replay': {error}") from None
-    return {dataset.task: dataset.actions[: dataset.ends[0]].astype(np.float64) for dataset in datasets}
+    found = {dataset.task: dataset.actions[: dataset.ends[0]].astype(np.float64) for dataset in datasets}
+    if len(found) < len(datasets):
+        raise PolicyError(f"policy 'replay': {folder}: expected one dataset per task, got several of one task")
+    return found
 
 
 class ReplayPolicy(StatelessPolicy):
     """Plays each task's demonstration from its first step, then stands still without moving the gripper."""
 
-    def __init__(self, demonstrations: str = "") -> None:
-        """Take the demonstrations of `replays`, whose errors it raises."""
-        self._replays = replays(demonstrations)
-        self.spec = PolicySpec(PolicyInput.NOTHING, CHUNK_LENGTH, tasks=frozenset(self._replays))
+    def __init__(self, actions: Mapping[str, FloatArray]) -> None:
+        """Take each task's actions, shape (steps, 7)."""
+        self._actions = actions
+        self.spec = PolicySpec(PolicyInput.NOTHING, CHUNK_LENGTH, tasks=frozenset(actions))
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Refuse episodes of a task without a demonstration."""
         for episode in episodes:
-            if episode.task not in self._replays:
-                known = did_you_mean(episode.task, self._replays)
+            if episode.task not in self._actions:
+                known = did_you_mean(episode.task, self._actions)
                 raise PolicyError(f"expected a task with a recorded demonstration, got '{episode.task}'{known}")
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """Return the demonstration's next actions."""
-        return [Decision(_after(self._replays[query.episode.task], query.step)) for query in queries]
+        return [Decision(_after(self._actions[query.episode.task], query.step)) for query in queries]
 
 
 def _after(actions: FloatArray, step: int) -> FloatArray:
@@ -99,21 +113,35 @@ def _after(actions: FloatArray, step: int) -> FloatArray:
     return chunk
 
 
-def _demonstrations(options: Mapping[str, Any]) -> str:
-    folder = options.get("demonstrations", "")
-    if not isinstance(folder, str):
+def _folder(options: Mapping[str, Any]) -> Path | None:
+    folder = options.get("demonstrations")
+    if folder is None:
+        return None
+    if not isinstance(folder, str) or not folder:
         raise PolicyError(f"policy 'replay': expected option demonstrations: a folder of datasets, got {folder!r}")
-    return folder
+    return Path(folder)
+
+
+def _actions(options: Mapping[str, Any]) -> Mapping[str, FloatArray]:
+    folder = _folder(options)
+    return replays() if folder is None else demonstrated(folder)
 
 
 def _load(options: Mapping[str, Any]) -> Policy:
-    return ReplayPolicy(_demonstrations(options))
+    return ReplayPolicy(_actions(options))
 
 
 def _digest(options: Mapping[str, Any]) -> str:
-    found = replays(_demonstrations(options))
-    actions = {task: np.round(values, 6).tolist() for task, values in found.items()}
+    actions = {task: np.round(values, 6).tolist() for task, values in _actions(options).items()}
     return content_hash({"policy": "replay", "source": source_digest(sys.modules[__name__]), "actions": actions})
+
+
+def _files(options: Mapping[str, Any]) -> PolicyFiles:
+    folder = _folder(options)
+    if folder is None:
+        return PolicyFiles({}, ())
+    found = tuple(sorted(path for path in folder.resolve().rglob("*") if path.is_file()))
+    return PolicyFiles({"demonstrations": folder.resolve()}, found)
 
 
 REPLAY = PolicyKind(
@@ -122,4 +150,5 @@ REPLAY = PolicyKind(
     load=_load,
     digest=_digest,
     options={"demonstrations": "folder of datasets, whose first episodes are played; by default the recorded ones"},
+    files=_files,
 )

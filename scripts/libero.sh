@@ -15,22 +15,29 @@ SUITES=${*:-goal object spatial 10}
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 export OMP_NUM_THREADS=1
 
-expert() {
-    local tasks number data="$FOLDER/demonstrations/$1" out="$FOLDER/experts/libero-$1"
+tasks_of() {
     case $1 in
-    spatial) tasks="0 1 2 3 5 6" ;; object) tasks="0 1 2 3 4 5" ;; goal) tasks="1 2 4 6 7 8" ;; 10) tasks="0 1 2 3 4 6" ;;
+    spatial) echo 0 1 2 3 5 6 ;; object) echo 0 1 2 3 4 5 ;; goal) echo 1 2 4 6 7 8 ;; 10) echo 0 1 2 3 4 6 ;;
     *) echo "SUITE: expected spatial, object, goal or 10, got '$1'" >&2; return 2 ;;
     esac
+}
+
+# `demonstrations` and `experts` of a suite, and `replays`: an episode of each task without noise, to be played open loop.
+expert() {
+    local number out="$FOLDER/experts/libero-$1"
     # One task after the other, since one process at a time records into a folder.
-    for number in $tasks; do
-        "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$data" --episodes "$(few 50)" \
+    for number in $(tasks_of "$1"); do
+        "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$FOLDER/demonstrations/$1" \
+            --episodes "$(few 50)" --render-profile fast-2 --workers 1
+        "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$FOLDER/replays/$1" --episodes 1 --noise 0 \
             --render-profile fast-2 --workers 1
     done
     [ -e "$out/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "$data" --base zoo:base --out "$out" --steps "$(few 6000)" \
-            --learning-rate 1e-3 --shift 2 --action-steps 4 --adapt-convolutions
+        "$ROBOGAUNTLET" policies finetune "$FOLDER/demonstrations/$1" --base zoo:base --out "$out" \
+            --steps "$(few 6000)" --learning-rate 1e-3 --shift 2 --action-steps 4 --adapt-convolutions
 }
-export -f expert
+export -f expert tasks_of
 export FOLDER ROBOGAUNTLET
+for suite in $SUITES; do tasks_of "$suite" >/dev/null; done
 # shellcheck disable=SC2086  # suites are several words
 printf '%s\n' $SUITES | xargs -P 2 -I SUITE bash -euo pipefail -c 'expert "$1"' expert SUITE

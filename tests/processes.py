@@ -34,16 +34,16 @@ def started_by(command, words=""):
     found = []
     with contextlib.suppress(psutil.NoSuchProcess):
         for child in psutil.Process(command.pid).children(recursive=True):
-            with contextlib.suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
+            with contextlib.suppress(psutil.NoSuchProcess):
                 found += [child] if words in " ".join(child.cmdline()) else []
     return found
 
 
 def listening_addresses(command):
-    """The IP addresses on which the command and all that it started listen."""
+    """The IP addresses on which the command, a psutil.Process, and all that it started listen."""
     found = set()
-    for process in (psutil.Process(command.pid), *started_by(command)):
-        with contextlib.suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
+    for process in (command, *started_by(command)):
+        with contextlib.suppress(psutil.NoSuchProcess):
             sockets = process.net_connections("inet")
             found |= {
                 socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN

@@ -21,8 +21,8 @@ echo "$line" >>"${0%/*}/commands"
 """
 
 
-def commands_of(script: str, folder: Path, *, percent: str | None = None) -> list[list[str]]:
-    """The commands of a script that starts in an empty folder; they are recorded and not run.
+def commands_of(script: str, folder: Path, *words: str, percent: str | None = None) -> list[list[str]]:
+    """The commands of a script that starts in an empty folder, with further words; they are recorded and not run.
 
     Raises:
         subprocess.CalledProcessError: The script ended with an error.
@@ -35,7 +35,7 @@ def commands_of(script: str, folder: Path, *, percent: str | None = None) -> lis
     if percent is not None:
         environment["PERCENT"] = percent
     (folder / "out").mkdir()
-    command = ["bash", str(SCRIPTS / script), str(folder / "out")]
+    command = ["bash", str(SCRIPTS / script), str(folder / "out"), *words]
     subprocess.run(command, check=True, capture_output=True, text=True, env=environment, timeout=60)
     return [line.rstrip("\t").split("\t") for line in (folder / "commands").read_text().splitlines()]
 
@@ -63,7 +63,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
         ("varied_experts.sh", 5),
         ("arms.sh", 14),
         ("meta_world.sh", 40),
-        ("libero.sh", 28),
+        ("libero.sh", 52),
     ],
 )
 def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp_path: Path) -> None:
@@ -87,5 +87,13 @@ def test_a_share_that_is_no_whole_percent_is_refused_first(script: str, percent:
     with pytest.raises(subprocess.CalledProcessError) as refused:
         commands_of(script, tmp_path, percent=percent)
     assert refused.value.stderr == f"PERCENT: expected a whole number from 1 to 999, got '{percent}'\n"
+    assert refused.value.returncode == 2
+    assert not (tmp_path / "commands").exists()
+
+
+def test_a_suite_that_libero_lacks_is_refused_first(tmp_path: Path) -> None:
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        commands_of("libero.sh", tmp_path, "goal", "gaol")
+    assert refused.value.stderr == "SUITE: expected spatial, object, goal or 10, got 'gaol'\n"
     assert refused.value.returncode == 2
     assert not (tmp_path / "commands").exists()

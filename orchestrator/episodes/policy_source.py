@@ -104,9 +104,11 @@ def with_bundles(sources: Mapping[str, PolicySource]) -> dict[str, PolicySource]
     bundled = {}
     for name, source in sources.items():
         bundled[name] = source
-        if (files_of := policies.find(source.kind).files) is None:
+        files_of = policies.find(source.kind).files
+        needed = files_of(source.options) if files_of else None
+        if needed is None or not needed.files:
             continue
-        options, files = bundle_layout(files_of(source.options))
+        options, files = bundle_layout(needed)
         for path in files.values():
             if path not in stored:
                 stored[path] = partial(ray.get, ray.put(np.fromfile(path, dtype=np.uint8)))

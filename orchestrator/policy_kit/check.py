@@ -56,11 +56,12 @@ def check_policy(probe: Probe) -> Iterator[Finding | Image]:
     """Play the policy, and yield findings and at last their picture, unless no episode could be played.
 
     Raises:
-        PolicyError: The policy cannot be loaded.
+        PolicyError: The policy cannot be loaded, or cannot act in the task.
         AdapterError: The task cannot be opened.
     """
     policy = build_policy(probe.source)
     try:
+        check_tasks(policy.spec, [probe.task])
         simulation = simulators.open_simulation(probe.task, _view(probe, policy.spec))
         try:
             yield from _Check(probe, policy, simulation).findings()
@@ -119,7 +120,6 @@ class _Check:
     def findings(self) -> Iterator[Finding | Image]:
         probe, policy, simulation = self._probe, self._policy, self._simulation
         check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
-        check_tasks(policy.spec, [probe.task])
         first, other, again = (play(simulation, policy, self._episode(seed)) for seed in (0, 1, 0))
         plays, spec = [first, other], simulation.action_spec
         executed = np.concatenate([played.actions() for played in plays])

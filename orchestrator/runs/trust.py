@@ -13,7 +13,8 @@ from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import visible
 
 USES: Mapping[str, Mapping[str, str]] = {
-    **{kind: {} for kind in ("oracle", "random", "zero", "untrained", "replay")},
+    **{kind: {} for kind in ("oracle", "random", "zero", "untrained")},
+    "replay": {"demonstrations": "reads"},
     "python": {"callable": "imports and calls", "options": "gives it", "folder": "from", "files": "reads"},
     "openpi": {"address": "contacts", "token_variable": "sends the content of the variable"},
     "lerobot": {"checkpoint": "reads", "python": "starts"},

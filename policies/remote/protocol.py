@@ -43,6 +43,8 @@ class Greeting:
 _GREETING = TypeAdapter(Greeting)
 MAX_IMAGE_SIZE, MAX_CHUNK = 1024, 1_000_000
 """What a server's greeting may ask for: height and width (px) of images, actions in a chunk."""
+LONGEST_INSTRUCTION = 1000
+"""Characters of an instruction that a client may send: a network's memory grows with the square of its words."""
 _DIGEST = re.compile(r"[!-~]{1,200}")
 
 
@@ -157,6 +159,9 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
         instruction = instruction.item()
     if not isinstance(instruction, str):
         raise PackingError(f"expected text as {INSTRUCTION_KEY}, got {type(instruction).__name__}")
+    if len(instruction) > LONGEST_INSTRUCTION:
+        expected = f"expected at most {LONGEST_INSTRUCTION} characters as {INSTRUCTION_KEY}"
+        raise PackingError(f"{expected}, got {len(instruction)}")
     return Observation(images, state.astype(np.float64), str(instruction))
 
 

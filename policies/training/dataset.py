@@ -119,6 +119,11 @@ class Demonstrations:
         """Whether its episodes begin where the oracle took over from a learner, not at the task's start."""
         return "learner" in self._source and not self._source.get("whole")
 
+    @property
+    def is_replayable(self) -> bool:
+        """Whether its actions are all that was executed, as far as is known: without noise and without a learner."""
+        return not self._source.get("noise") and "learner" not in self._source
+
     @cached_property
     def _source(self) -> dict[str, Any]:
         """How RoboGauntlet recorded the dataset; empty for a dataset of another origin."""

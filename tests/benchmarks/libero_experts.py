@@ -8,7 +8,7 @@ kept, so that the same command continues.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import play_policies, table_of
 
 SUITES = {"spatial": "Spatial", "object": "Object", "goal": "Goal", "10": "Long"}
-STATES = 20
+STATES = 10
 """Stored states of each task, from the first on."""
 EPISODE = ("policy", "task", "seed", "axis", "status")
 TITLES = {
@@ -39,22 +39,29 @@ COLUMNS = {"policy": "{title}", **{title: f"{{{suite}}}" for suite, title in SUI
 def measure() -> list[dict[str, object]]:
     """A row for each policy and control; writes the episodes beside the rows."""
     folder = folder_of_experts()
-    experts, tasks = {"experts": experts_in(folder)}, tasks_of(folder)
-    frames = []
-    for suite in SUITES:
-        own = [task for task in tasks if suite_of(task) == suite]
-        shown = {"kind": "replay", "options": {"demonstrations": str(folder / "demonstrations" / suite)}}
-        told = {**experts, "oracle": {"kind": "oracle"}, "replay": shown}
-        controls = [axis for axis in CONTROLS if suite == "goal" or axis != "wrong-goal"]
-        frames += [
-            play_policies(folder, f"told-{suite}", told, own, STATES, EPISODE),
-            play_policies(folder, f"controls-{suite}", experts, own, STATES, EPISODE, conditions=controls),
-        ]
-    frame = pd.concat(frames)
+    frame = pd.concat([*played_experts(folder), *played_baselines(folder)])
     write_episodes("libero_experts", frame, ("policy", "axis", "task", "seed"))
     rows = rows_of(frame)
     table_of(rows, COLUMNS)
     return rows
+
+
+def played_experts(folder: Path) -> Iterator[pd.DataFrame]:
+    """Play the experts, clean and with the controls, suite by suite: a row per episode."""
+    for suite in SUITES:
+        experts = {"experts": {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}
+        conditions = ["clean", *(axis for axis in CONTROLS if suite == "goal" or axis != "wrong-goal")]
+        yield play_policies(
+            folder, f"experts-{suite}", experts, tasks_of(folder, suite), STATES, EPISODE, conditions=conditions
+        )
+
+
+def played_baselines(folder: Path) -> Iterator[pd.DataFrame]:
+    """Play the oracle, and a demonstration of each task open loop: a row per episode."""
+    for suite in SUITES:
+        replay = {"kind": "replay", "options": {"demonstrations": str(folder / "replays" / suite)}}
+        policies: dict[str, dict[str, Any]] = {"oracle": {"kind": "oracle"}, "replay": replay}
+        yield play_policies(folder, f"baselines-{suite}", policies, tasks_of(folder, suite), STATES, EPISODE)
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
@@ -71,8 +78,9 @@ def by_suite(won: pd.Series) -> dict[str, str]:
     """Success in each suite and in all, with Wilson's interval; empty where nothing was played.
 
     Args:
-        won: 1.0 or 0.0, indexed by task and seed.
+        won: 1.0, 0.0, or NaN for an error, indexed by task and seed.
     """
+    won = won.dropna()
     suites = won.index.get_level_values("task").map(suite_of)
     parts = {suite: won[suites == suite] for suite in SUITES}
     if all(map(len, parts.values())):
@@ -94,11 +102,6 @@ def folder_of_experts() -> Path:
     return Path(os.environ.get("LIBERO", "runs/libero")).absolute()
 
 
-def experts_in(folder: Path) -> dict[str, Any]:
-    """Kind and options of the experts for a suite."""
-    return {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}
-
-
-def tasks_of(folder: Path) -> Sequence[str]:
-    """The tasks of the experts, suite by suite as in the literature."""
-    return sorted(expert_folders(folder / "experts"), key=lambda task: (list(SUITES).index(suite_of(task)), task))
+def tasks_of(folder: Path, suite: str) -> list[str]:
+    """The tasks of a suite's expert."""
+    return sorted(task for task in expert_folders(folder / "experts") if suite_of(task) == suite)

@@ -96,11 +96,9 @@ def play_policies(
     tasks: Sequence[str],
     seeds: int,
     columns: Sequence[str],
-    **more: object,
+    conditions: Sequence[str] = ("clean",),
 ) -> pd.DataFrame:
     """Play policies (name to kind and options) on the first seeds of tasks, or what is missing of it in the folder.
-
-    `more` are further keys of the suite.
 
     Returns:
         A row per episode with these columns.
@@ -112,7 +110,7 @@ def play_policies(
         "seeds": {"count": seeds},
         "image_size": 96,
         "render_profile": "fast-2",
-        **more,
+        "conditions": list(conditions),
     }
     suite, run = folder / "suites" / f"{name}.yaml", folder / "played" / name
     suite.parent.mkdir(parents=True, exist_ok=True)

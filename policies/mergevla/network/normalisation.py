@@ -63,7 +63,7 @@ class Quantiles:
         return Quantiles(tuple((low - missing / 2).tolist()), tuple((low + span + missing / 2).tolist()))
 
     @classmethod
-    def widest(cls, ranges: Sequence[Quantiles]) -> Quantiles:
+    def spanning(cls, ranges: Sequence[Quantiles]) -> Quantiles:
         """Return the smallest ranges that contain the ranges of the same numbers."""
         low = np.min([one.q01 for one in ranges], axis=0)
         return cls(tuple(low.tolist()), tuple(np.max([one.q99 for one in ranges], axis=0).tolist()))
@@ -169,13 +169,13 @@ class TaskStatistics(Stored):
         return next(iter(self.by_task.values()))
 
     def together(self, name: str) -> TaskStatistics:
-        """Return one set of statistics for all tasks, under that name: each number has its widest range.
+        """Return one set of statistics for all tasks, under that name: the smallest ranges that contain all of theirs.
 
         Quantiles of all frames together would cut off motions that one task of many has.
         """
         every = self.by_task.values()
-        action = Quantiles.widest([one.action for one in every])
-        return TaskStatistics({name: Statistics(action, Quantiles.widest([one.proprioception for one in every]))})
+        action = Quantiles.spanning([one.action for one in every]).widened(LEAST_SPAN)
+        return TaskStatistics({name: Statistics(action, Quantiles.spanning([one.proprioception for one in every]))})
 
     def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:
         """Map actions (b, ..., 7) of b tasks to [-1, 1]."""

@@ -76,7 +76,7 @@ def _chat(pretrained: object, instruction: str) -> list[int]:
 
 def _pad(rows: Sequence[Sequence[int]], length: int) -> Prompts:
     """Pad token ids to `length`, or to the longest row, as `Prompts` describes."""
-    length = max(length, *map(len, rows))
+    length = max(length, max(map(len, rows), default=0))
     ids = torch.full((len(rows), length), PADDING, dtype=torch.long)
     present = torch.zeros((len(rows), length), dtype=torch.bool)
     for index, row in enumerate(rows):

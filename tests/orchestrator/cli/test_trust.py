@@ -4,6 +4,7 @@ from contextlib import closing
 
 import pytest
 
+from robogauntlet.orchestrator.runs import trust
 from robogauntlet.orchestrator.runs.trust import chosen_parts
 from robogauntlet.policies import catalog
 from robogauntlet.results.record import outcome_row, rows_hash
@@ -73,6 +74,7 @@ def test_all_that_a_run_would_use_is_listed_before_anything_is_used(run_command,
         {"name": "b", "kind": "openpi", "options": {"address": "ws://far:1", "token_variable": "THEIR_TOKEN"}},
         {"name": "c", "kind": "lerobot", "options": {"checkpoint": "their/folder", "python": "/tmp/py"}},
         {"name": "d", "kind": "mergevla", "options": {"checkpoint": "/etc/weights"}},
+        {"name": "f", "kind": "replay", "options": {"demonstrations": "/data/theirs"}},
         {"name": "e", "kind": "another-package's", "options": {"command": "\x1b[31mid"}},
     )
     assert run_command("import", sent(tmp_path, *policies)).code == 0
@@ -81,9 +83,19 @@ def test_all_that_a_run_would_use_is_listed_before_anything_is_used(run_command,
         "policy b contacts ws://far:1, sends the content of the variable THEIR_TOKEN",
         "policy c reads their/folder, starts /tmp/py",
         "policy d reads /etc/weights",
+        "policy f reads /data/theirs",
         "policy e gives another-package's \\x1b[31mid",
     ):
         assert words in line
+
+
+@pytest.mark.parametrize("kind", catalog.kinds().values(), ids=lambda kind: kind.name)
+def test_every_option_of_a_kind_is_listed_or_names_nothing_outside_of_the_suite(kind):
+    numbers = {"columns", "execute", "gripper_closed", "gripper_open", "gripper_threshold", "image_size", "retries"}
+    keys = {"actions", "cameras", "instruction", "proprioception", "convention", "rotation", "resize", "turn"}
+    own = {"device", "identity", "recipe", "router", "sees_instruction", "token_scheme"}
+    scales = {"connect_timeout_s", "rotation_scale", "timeout_s", "translation_scale"}
+    assert set(kind.options) <= trust.USES[kind.name].keys() | numbers | keys | own | scales
 
 
 def test_a_run_of_installed_policies_needs_no_trust(run_command, tmp_path):

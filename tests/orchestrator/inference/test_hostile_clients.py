@@ -4,13 +4,15 @@ import resource
 from contextlib import ExitStack
 
 import msgpack
+import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from robogauntlet.orchestrator.inference import websocket_server
 from robogauntlet.policies import catalog
-from robogauntlet.policies.remote.msgpack_numpy import unpack
+from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
+from robogauntlet.policies.remote.server_options import CAMERA_KEYS, INSTRUCTION_KEY, STATE_KEY
 from tests.policies.remote.test_client import QUICK, query
 from tests.remote_servers import serving
 
@@ -30,6 +32,13 @@ MESSAGES = {
             }
         ),
         "expected an array of type uint8 and shape",
+    ),
+    "a hundred thousand words": (
+        pack(
+            {key: np.zeros((96, 96, 3), np.uint8) for key in CAMERA_KEYS.values()}
+            | {STATE_KEY: np.zeros(8), INSTRUCTION_KEY: "a " * 100_000}
+        ),
+        "expected at most 1000 characters as prompt, got 200000",
     ),
     "five million finished": (msgpack.packb({"robogauntlet/finished": ["a"] * 5_000_000}), "100000 values"),
 }

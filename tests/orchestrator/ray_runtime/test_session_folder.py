@@ -44,7 +44,7 @@ def test_half_a_minute_after_sigkill_nothing_of_a_run_is_left(tmp_path):
     temporary = Path(workers[0].environ()["TMPDIR"])
     assert temporary.is_dir()
     started = started_by(command)
-    assert started_by(command, "raylet")
+    assert started_by(command, "raylet/raylet")
     command.send_signal(signal.SIGKILL)
     command.wait()
     deadline = time.monotonic() + WITHIN_S
