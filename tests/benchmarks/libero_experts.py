@@ -33,7 +33,7 @@ TITLES = {
     ("experts", "wrong-goal"): "experts, another task's instruction",
 }
 CONTROLS = [axis for policy, axis in TITLES if axis != "clean"]
-COLUMNS = {"policy": "{title}", **{title: f"{{{suite}}}" for suite, title in SUITES.items()}, "all": "{all}"}
+COLUMNS = {"policy": "{title}", **{title: f"{{{title}}}" for title in SUITES.values()}, "all": "{all}"}
 
 
 def measure() -> list[dict[str, object]]:
@@ -82,7 +82,7 @@ def by_suite(won: pd.Series) -> dict[str, str]:
     """
     won = won.dropna()
     suites = won.index.get_level_values("task").map(suite_of)
-    parts = {suite: won[suites == suite] for suite in SUITES}
+    parts = {title: won[suites == suite] for suite, title in SUITES.items()}
     if all(map(len, parts.values())):
         parts["all"] = won
     return {"all": "", **{name: _rate(part) for name, part in parts.items()}}

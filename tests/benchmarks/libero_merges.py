@@ -63,7 +63,7 @@ PAPER = {
 EPISODE = ("policy", "task", "seed", "axis", "status", "inferred_task")
 COLUMNS = {
     "way": "{title}",
-    **{title: f"{{{suite}}}" for suite, title in SUITES.items()},
+    **{title: f"{{{title}}}" for title in SUITES.values()},
     "all": "{all}",
     "of the experts'": "{kept}",
     "routed right": "{routed}",

@@ -23,7 +23,7 @@ def test_an_error_counts_neither_as_success_nor_as_failure():
         for row in libero_experts.rows_of(frame(experts=["success", "error", "failure"]))
         if (row["policy"], row["axis"]) == ("experts", "clean")
     ]
-    assert row["goal"] == "50 % [9, 91]"
+    assert row["Goal"] == "50 % [9, 91]"
     assert row["all"] == "50 % [22, 78]"
 
 
