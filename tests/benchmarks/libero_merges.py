@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,32 +31,27 @@ from tests.processes import run_gauntlet
 EXPERTS = "experts"
 WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "none-4": ("four bits each, not merged", {"operator": "none", "masks": "none", "options": {"bits": 4}}),
-    "magnitude-2": ("two bits of magnitudes", {"operator": "magnitude", "masks": "signs", "rounds": 2}),
-    "ties-published-s": ("TIES+S, top 20 % as published", {"operator": "ties-published"}),
     "ta-s": ("TA+S", {"operator": "ta"}),
+    "ties-published-s": ("TIES+S, top 20 % as published", {"operator": "ties-published"}),
     "ties-s-averaged-trunk": ("TIES+S, averaged trunk", {"operator": "ties", "trunk": "mean"}),
     "ta-s-averaged-trunk": ("TA+S, averaged trunk", {"operator": "ta", "trunk": "mean"}),
-    "wudi-s-averaged-trunk": ("WUDI+S, averaged trunk", {"operator": "wudi", "trunk": "mean"}),
-    "knots-ties-s-averaged-trunk": ("KnOTS+S, averaged trunk", {"operator": "knots-ties", "trunk": "mean"}),
     "tsv-s-averaged-trunk": ("TSV+S, averaged trunk", {"operator": "tsv", "trunk": "mean"}),
-    "emr-averaged-trunk": ("EMR, averaged trunk", {"operator": "emr", "masks": "emr", "trunk": "mean"}),
     "ta": ("TA, no masks", {"operator": "ta", "masks": "none"}),
 }
 """Names, titles and recipes. All keep the deepest block and the output layer of each expert's action expert."""
 ROUTED: dict[str, tuple[str, dict[str, Any]]] = {
-    "magnitude-2-routed": ("calibrated", {}),
-    "magnitude-2-routed-instruction-hidden": ("calibrated, instruction hidden", {"sees_instruction": False}),
-    "magnitude-2-routed-paper": ("as in the paper's code", {"router": "paper-coded"}),
+    "magnitude-2-routed": ("two bits of magnitudes, routed", {}),
+    "magnitude-2-routed-instruction-hidden": (
+        "two bits of magnitudes, routed without the instruction",
+        {"sees_instruction": False},
+    ),
 }
-"""Two bits of magnitudes by a router that decides once per episode: names, titles and options."""
+"""Merges whose calibrated router decides once per episode: names, titles and options."""
 PAPER = {
     EXPERTS: "98 / 99 / 95 / 95",
     "ties-s-averaged-trunk": "95 / 95 / 92 / 79",
-    "wudi-s-averaged-trunk": "98 / 98 / 86 / 78",
     "ta-s-averaged-trunk": "98 / 99 / 85 / 77",
-    "knots-ties-s-averaged-trunk": "97 / 99 / 85 / 71",
     "tsv-s-averaged-trunk": "99 / 98 / 74 / 55",
-    "emr-averaged-trunk": "96 / 63 / 62 / 41",
 }
 """Success in MergeVLA's Table 1 (arXiv 2511.18810), Spatial / Object / Goal / Long, %."""
 EPISODE = ("policy", "task", "seed", "axis", "status", "inferred_task")
@@ -80,7 +74,7 @@ def measure() -> list[dict[str, object]]:
     for way, (_, recipe) in WAYS.items():
         policies[way] = merged_policy(routers, recipe=recipe, experts=str(folder / "experts"))
     for name, (_, options) in ROUTED.items():
-        policies[name] = merged_policy(routers, **{"router": "calibrated", **options})
+        policies[name] = merged_policy(routers, "calibrated", **options)
     frames = [clean[clean.axis == "clean"] for clean in played_experts(folder)]
     frames += [play_policies(folder, name, {name: policy}, tasks, STATES, EPISODE) for name, policy in policies.items()]
     frame = pd.concat(frames)
@@ -98,8 +92,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     won = frame.assign(won=frame.status.map({"success": 1.0, "failure": 0.0})).pivot(
         index=["task", "seed"], columns="policy", values="won"
     )
-    titles = {EXPERTS: "experts", **{way: title for way, (title, _) in WAYS.items()}}
-    titles |= {name: f"two bits, routed: {title}" for name, (title, _) in ROUTED.items()}
+    titles = {EXPERTS: "experts", **{name: title for name, (title, _) in (ROUTED | WAYS).items()}}
     rows = []
     for policy in (name for name in titles if name in won):
         pairs = won[[policy, EXPERTS]].dropna().groupby("task")
@@ -129,20 +122,9 @@ def with_routers(folder: Path) -> Path:
     """The merge by two bits of magnitudes, with routers fitted to the demonstrations; made unless it is there."""
     out = folder / "merges" / "magnitude-2"
     if not out.exists():
-        experts: Mapping[Path, None] = dict.fromkeys(expert_folders(folder / "experts").values())
+        experts = dict.fromkeys(expert_folders(folder / "experts").values())
         shown = [word for suite in SUITES for word in ("--demonstrations", folder / "demonstrations" / suite)]
-        merge = run_gauntlet(
-            "policies",
-            "merge",
-            *experts,
-            "--out",
-            out,
-            "--operator",
-            "magnitude",
-            "--rounds",
-            "2",
-            *shown,
-            timeout=3600,
-        )
+        arguments = [*experts, "--out", out, "--operator", "magnitude", "--rounds", "2", *shown]
+        merge = run_gauntlet("policies", "merge", *arguments, timeout=3600)
         assert merge.returncode == 0, merge.stderr
     return out

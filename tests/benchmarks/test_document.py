@@ -9,6 +9,8 @@ import pytest
 from tests import ROOT
 from tests.benchmarks import (
     arms,
+    libero_experts,
+    libero_merges,
     libero_oracles,
     more_experts,
     more_experts_routing,
@@ -104,6 +106,37 @@ def test_what_the_page_of_libero_says_of_fast_2_is_in_the_rows():
         f"{min(times):.0f} to {max(times):.0f} ms with the profile `fast-2`, {min(shares):.0f} to {max(shares):.0f} %"
     )
     assert said in (ROOT / "docs/libero.md").read_text(encoding="utf-8")
+
+
+def test_the_tables_of_libero_s_experts_and_merges_count_the_committed_episodes():
+    for benchmark in (libero_experts, libero_merges):
+        name = benchmark.__name__.rpartition(".")[2]
+        rows = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))["rows"]
+        assert benchmark.rows_of(pd.read_parquet(MEASUREMENTS / f"{name}.parquet")) == rows
+
+
+def test_what_the_page_of_libero_says_of_experts_is_in_the_rows():
+    found = json.loads((MEASUREMENTS / "libero_experts.json").read_text(encoding="utf-8"))["rows"]
+    rate = {
+        (row["policy"], row["axis"]): {
+            suite: row[suite].partition(" [")[0] for suite in (*libero_experts.SUITES.values(), "all")
+        }
+        for row in found
+    }
+    experts, replay, blank = (
+        rate[key] for key in (("experts", "clean"), ("replay", "clean"), ("experts", "blank-instruction"))
+    )
+    for said in (
+        f"succeed in {experts['all']}**, in Spatial, Object and Goal in 97 to 100 %, in Long in {experts['Long']}",
+        f"open loop, solves {replay['all']}**: {replay['Object']} in Object and {replay['Goal']} in Goal",
+        f"In Long it is {replay['Long']}, in Spatial {replay['Spatial']}",
+        f"without any, {blank['Goal']} do",
+        f"{blank['Object'].removesuffix(' %')} and {blank['Spatial']} succeed without an instruction",
+    ):
+        assert said in (ROOT / "docs/libero.md").read_text(encoding="utf-8")
+    assert {experts[suite] for suite in ("Spatial", "Object", "Goal")} == {"97 %", "100 %"}
+    frame = pd.read_parquet(MEASUREMENTS / "libero_experts.parquet")
+    assert frame[frame.axis == "wrong-goal"].status.value_counts().to_dict() == {"failure": 50}
 
 
 def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
