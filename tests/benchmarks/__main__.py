@@ -30,7 +30,6 @@ LONG = (
         "crowd",
         "dashboard",
         "failure_kinds",
-        "libero_cost",
         "libero_frames",
         "libero_oracles",
     ),

@@ -139,6 +139,25 @@ def test_what_the_page_of_libero_says_of_experts_is_in_the_rows():
     assert frame[frame.axis == "wrong-goal"].status.value_counts().to_dict() == {"failure": 50}
 
 
+def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
+    rows = json.loads((MEASUREMENTS / "libero_merges.json").read_text(encoding="utf-8"))["rows"]
+    page = (ROOT / "docs/libero.md").read_text(encoding="utf-8")
+    by_policy = {row["policy"]: row for row in rows}
+
+    def rate(policy, column="all"):
+        return by_policy[policy][column].partition(" [")[0]
+
+    routed = [name for name in by_policy if name in libero_merges.ROUTED]
+    assert {by_policy[name]["routed"] for name in routed} == {"100 / 100 / 100 / 100 %"}
+    few = ("none-4", "magnitude-2-routed")
+    assert f"keep {rate(few[0], 'kept')} of the experts' success" in page
+    assert rate(few[0], "kept") == rate(few[1], "kept")
+    assert f"{rate(few[0], 'Long').removesuffix(' %')} and {rate(few[1], 'Long')} instead of" in page
+    assert f"TA+S has {rate('ta-s-averaged-trunk')}, TIES+S {rate('ties-s-averaged-trunk')}, where" in page
+    assert f"TA+S has {rate('ta-s')}, TIES+S as published {rate('ties-published-s')}" in page
+    assert f"TA has {rate('ta')}." in page
+
+
 def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
     for row in json.loads((MEASUREMENTS / "shifted_routing.json").read_text(encoding="utf-8"))["rows"]:
         rates = shifted_routing.rates(row["decisions"], sorted(shifted_routing.SENTENCES))
