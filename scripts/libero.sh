@@ -3,7 +3,7 @@
 # the first that oracles solve in at least 45 of their 50 stored states, and an expert. Finished parts are skipped and
 # stopped ones continue, so the same command goes on after any interruption. `LIBERO=FOLDER python -m tests.benchmarks
 # libero_experts` plays them, `libero_merges` merges them.
-# Usage: scripts/libero.sh [FOLDER] [SUITE...]   (default runs/libero and all four). Takes two hours on two cores, after
+# Usage: scripts/libero.sh [FOLDER] [SUITE...]   (default runs/libero and all four). Takes about two hours on two cores, after
 # `robogauntlet env create libero`.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail

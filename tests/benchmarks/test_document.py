@@ -136,6 +136,8 @@ def test_what_the_page_of_libero_says_of_experts_is_in_the_rows():
         assert said in (ROOT / "docs/libero.md").read_text(encoding="utf-8")
     assert {experts[suite] for suite in ("Spatial", "Object", "Goal")} == {"97 %", "100 %"}
     frame = pd.read_parquet(MEASUREMENTS / "libero_experts.parquet")
+    assert set(frame.seed) == set(range(10))
+    assert "On the first ten stored states of each task:" in (ROOT / "docs/libero.md").read_text(encoding="utf-8")
     assert frame[frame.axis == "wrong-goal"].status.value_counts().to_dict() == {"failure": 50}
 
 
