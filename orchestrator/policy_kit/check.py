@@ -61,7 +61,10 @@ def check_policy(probe: Probe) -> Iterator[Finding | Image]:
     """
     policy = build_policy(probe.source)
     try:
-        check_tasks(policy.spec, [probe.task])
+        try:
+            check_tasks(policy.spec, [probe.task])
+        except PolicyMismatch as error:
+            raise PolicyMismatch(f"policy '{probe.name}' does not fit: {error}") from None
         simulation = simulators.open_simulation(probe.task, _view(probe, policy.spec))
         try:
             yield from _Check(probe, policy, simulation).findings()

@@ -84,7 +84,7 @@ def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp
         (["untraned"], "did you mean 'untrained'?"),
         (["untrained", "--task", "null/Rech"], "unknown task 'null/Rech'; did you mean 'null/Reach'?"),
         (["untrained", "--picture", "a.jpg"], "expected a file that ends in .png for --picture, got 'a.jpg'"),
-        (["replay", "--task", "null/Reach"], "it cannot act in null/Reach; it can in "),
+        (["replay", "--task", "null/Reach"], "policy 'replay' does not fit: it cannot act in null/Reach; it can in "),
     ],
 )
 def test_a_policy_that_cannot_be_checked_is_one_line(run_command, tmp_path, arguments, message):
