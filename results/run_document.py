@@ -169,6 +169,8 @@ class RunDocument(_Model):
     reason: Text | None = None
     plan: tuple[PlannedCell, ...]
     unsupported: tuple[Unsupported, ...] = ()
+    tasks_left_out: tuple[Text, ...] = ()
+    """Tasks of the suite in which a policy that was added to it cannot act."""
     instructions: dict[str, Text] = Field(default_factory=dict)
     """Task to its instruction."""
     robots: dict[str, Text] = Field(default_factory=dict)

@@ -35,6 +35,7 @@ from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
 from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
 from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
+from robogauntlet.results.report.facts import left_out_tasks
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.run_history import history_url
@@ -146,6 +147,8 @@ def run(
         except NoCluster as error:
             raise BadInput(f"--address {address}: {error}") from None
     print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} into {folder}")
+    if plan.left_out:
+        fail(f"{left_out_tasks(plan.left_out)}: {', '.join(plan.left_out)}")
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)

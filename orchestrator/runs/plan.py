@@ -14,7 +14,7 @@ from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
-from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy
+from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy, within
 from robogauntlet.policies import catalog as policies
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
@@ -52,6 +52,8 @@ class Plan:
     unchecked: Mapping[str, str] = field(default_factory=dict)
     """Policies of which it was not checked whether they fit the suite, each with the reason: a package is not
     installed, a server does not answer, or nothing was started."""
+    left_out: tuple[str, ...] = ()
+    """Tasks of a suite that needs a policy in which a policy that was added to it cannot act."""
     environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
     """The environment of each simulator."""
 
@@ -161,10 +163,15 @@ def make_plan(
         suite = part.apply_to(whole)
     except SelectionError as error:
         raise PlanError(f"{path}: {error}") from None
+    fit, chosen = loaded.needs is not None, suite.tasks
+    if fit:
+        for entry in suite.policies:
+            suite = within(suite, known.tasks if (known := names.policies.get(entry.kind)) else None)
     if mistakes := check_names(suite, names):  # of added policies
         raise SuiteError([problem_at(path, None, message) for _, message in mistakes])
     environments = EnvironmentResolver(suite.environments)
-    found = find_policies(suite, environments, start=start, ask=require_installed)
+    found = find_policies(suite, environments, start=start, ask=require_installed, fit=fit)
+    suite = found.suite
     if require_installed:
         missing = [(name, f"policy '{name}': {reason}") for name, reason in found.unchecked.items()]
         found = replace(found, mistakes=[*missing, *found.mistakes])
@@ -203,6 +210,7 @@ def make_plan(
         ),
         unchecked=found.unchecked,
         unsupported=unsupported,
+        left_out=tuple(task for task in chosen if task not in suite.tasks),
         environments=environments,
     )
 

@@ -61,6 +61,7 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
         started_at=time.time(),
         plan=plan.planned_cells(),
         unsupported=plan.unsupported,
+        tasks_left_out=plan.left_out,
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         robots={task: robot for task in plan.suite.tasks if (robot := cards[task].robot)},
         workers=workers,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -43,6 +43,8 @@ class PlanError(UserError):
 class SuitePolicies:
     """The policies of a suite."""
 
+    suite: Suite
+    """The suite, fitted to its policies if that was asked for."""
     sources: Mapping[str, PolicySource]
     unchecked: Mapping[str, str]
     """Policies of which it is unknown whether they fit the suite, each with the reason."""
@@ -92,7 +94,9 @@ def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite,
     return suite, replace(part, policies=tuple(chosen))
 
 
-def find_policies(suite: Suite, environments: EnvironmentResolver, *, start: bool, ask: bool = False) -> SuitePolicies:
+def find_policies(
+    suite: Suite, environments: EnvironmentResolver, *, start: bool, ask: bool = False, fit: bool = False
+) -> SuitePolicies:
     """Find what each policy of a suite is built from.
 
     Args:
@@ -100,6 +104,8 @@ def find_policies(suite: Suite, environments: EnvironmentResolver, *, start: boo
         environments: The environments of policies.
         start: Whether to import code that the suite names, contact its servers and start interpreters.
         ask: Whether to ask functions once.
+        fit: Whether the suite takes the image size that its only policy names, and leaves out tasks in which one of its
+            policies cannot act.
     """
     sources: dict[str, PolicySource] = {}
     unchecked: dict[str, str] = {}
@@ -107,8 +113,10 @@ def find_policies(suite: Suite, environments: EnvironmentResolver, *, start: boo
     names_by_digest: dict[str, str] = {}
     for entry in suite.policies:
         try:
-            source, reason = (
-                _find(entry, suite, environments, ask=ask) if start else _find_without_start(entry, suite, environments)
+            source, reason, suite = (
+                _find(entry, suite, environments, ask=ask, fit=fit)
+                if start
+                else _find_without_start(entry, suite, environments, fit=fit)
             )
         except PolicyMismatch as error:
             mistakes.append((entry.name, f"policy '{entry.name}' does not fit: {error.reason}"))
@@ -123,13 +131,13 @@ def find_policies(suite: Suite, environments: EnvironmentResolver, *, start: boo
             continue
         if (first := names_by_digest.setdefault(str(source.digest), entry.name)) != entry.name:
             mistakes.append((entry.name, f"policies '{first}' and '{entry.name}' are the same policy; remove one"))
-    return SuitePolicies(sources, unchecked, mistakes)
+    return SuitePolicies(suite, sources, unchecked, mistakes)
 
 
 def _find(
-    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, ask: bool
-) -> tuple[PolicySource, str]:
-    """Find what a policy is built from, and why it was not checked ("" if it was).
+    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, ask: bool, fit: bool
+) -> tuple[PolicySource, str, Suite]:
+    """Find what a policy is built from, why it was not checked ("" if it was), and the suite, fitted if `fit`.
 
     Raises:
         PolicyError: The policy cannot be used.
@@ -144,26 +152,27 @@ def _find(
                 digest = (kind.digest_without_start or kind.digest)(entry.options)
         except (PolicyNotInstalled, OnHub):
             raise error from None
-        return PolicySource(entry.kind, entry.options, digest), str(error)
+        return PolicySource(entry.kind, entry.options, digest), str(error), suite
     try:
         source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
     except PolicyUnreachable as error:
-        return PolicySource(entry.kind, options), str(error)
+        return PolicySource(entry.kind, options), str(error), suite
     try:
         policy = None if kind.spec else policies.load(entry.kind, options)
         spec = policies.spec(entry.kind, options) if policy is None else policy.spec
     except PolicyNotInstalled as error:
-        return source, str(error)
+        return source, str(error), suite
+    suite = _fitted(suite, spec) if fit else suite
     _check_fit(spec, suite)
     if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
         instruction = simulators.task_descriptions()[suite.tasks[0]].instruction
         check_first_answer(entry.name, policy.ask, suite.view, instruction)
-    return source, ""
+    return source, "", suite
 
 
 def _find_without_start(
-    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver
-) -> tuple[PolicySource, str]:
+    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, fit: bool
+) -> tuple[PolicySource, str, Suite]:
     """The same, without importing, contacting or starting anything that the suite names."""
     kind, reason = policies.find(entry.kind), ""
     if kind.digest_without_start:
@@ -174,12 +183,25 @@ def _find_without_start(
             digest = (kind.digest_without_start or kind.digest)(entry.options)
             spec = None if reason else policies.spec(entry.kind, entry.options)
     except OnHub:
-        return PolicySource(entry.kind, entry.options), reason or NOT_STARTED
+        return PolicySource(entry.kind, entry.options), reason or NOT_STARTED, suite
     except PolicyNotInstalled as error:
         digest, spec, reason = kind.digest(entry.options), None, str(error)
     if spec is not None:
+        suite = _fitted(suite, spec) if fit else suite
         _check_fit(spec, suite)
-    return PolicySource(entry.kind, entry.options, digest), reason
+    return PolicySource(entry.kind, entry.options, digest), reason, suite
+
+
+def _fitted(suite: Suite, spec: PolicySpec) -> Suite:
+    """The suite in the image size of its only policy, without the tasks in which the policy cannot act."""
+    size = spec.image_size if len(suite.policies) == 1 else None
+    return within(suite.model_copy(update={"image_size": size or suite.image_size}), spec.tasks)
+
+
+def within(suite: Suite, able: Collection[str] | None) -> Suite:
+    """Return the suite with those of its tasks that are in `able`; the whole suite if none is, or for None."""
+    kept = tuple(task for task in suite.tasks if able is None or task in able)
+    return suite.model_copy(update={"tasks": kept or suite.tasks})
 
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:

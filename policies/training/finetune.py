@@ -184,6 +184,7 @@ def finetune(
     lora: LoraSettings,
     action_steps: int | None = None,
     fresh_trunk: int | None = None,
+    dtype: torch.dtype | None = None,
     listener: Listener = lambda status: None,
     stop: Stop = lambda: False,
 ) -> TrainingResult:
@@ -199,6 +200,7 @@ def finetune(
         action_steps: See `CheckpointMetadata.action_steps`.
         fresh_trunk: Seed from which action queries, proprioception and action expert are initialised, as the
             paper's experts are (arXiv 2511.18810); None to continue from the base's.
+        dtype: Type to which the weights are rounded in the checkpoint; None for fp32, in which they are trained.
         listener: See `Listener`.
         stop: See `Stop`.
 
@@ -229,7 +231,7 @@ def finetune(
         base_hash=start.metadata.tensor_hash,
         metrics={} if fresh_trunk is None else {"fresh_trunk": fresh_trunk},
     )
-    return _train(start.model, metadata, base, mixture, out, settings, listener, stop)
+    return _train(start.model, metadata, base, mixture, out, settings, listener, stop, dtype=dtype)
 
 
 def check_images(mixture: DatasetMixture, architecture: Architecture) -> None:
@@ -254,6 +256,7 @@ def _train(
     listener: Listener,
     stop: Stop,
     objective: Objective = Objective.L1,
+    dtype: torch.dtype | None = None,
 ) -> TrainingResult:
     if (out / METADATA_FILE).exists():
         raise TrainingError(f"expected a folder without a checkpoint, '{out}' holds a finished one")
@@ -292,6 +295,7 @@ def _train(
         model,
         replace(metadata, metrics={**metadata.metrics, **_metrics(settings, mixture, history, objective)}),
         base,
+        dtype=dtype,
     )
     curve = {"train": [round(loss, 5) for loss in history.losses], "held_out": history.held_out}
     (out / CURVE_FILE).write_text(json.dumps(curve) + "\n", encoding="utf-8")

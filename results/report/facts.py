@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from robogauntlet.results.analysis.eligible_episodes import LEAST_SOLVED
@@ -154,11 +155,17 @@ def verdict(document: RunDocument, tables: Tables) -> str:
     left_out = sum(group.count for group in tables.errors if is_left_out(group.message))
     parts.append(formatting.counted(total.errors, "error") if total.errors else "no errors")
     parts.append(f"of which {left_out:,} left out for missing files" if left_out else "")
+    parts.append(left_out_tasks(document.tasks_left_out) if document.tasks_left_out else "")
     parts.append(formatting.counted(len(tables.skipped), "simulator") + " skipped" if tables.skipped else "")
     parts.append(f"in {formatting.seconds(document.elapsed_s)}" if document.elapsed_s else "")
     if document.suite.protocol is not ProtocolName.ROBOGAUNTLET:
         parts.append(f"under the protocol {document.suite.protocol}")
     return ", ".join(filter(None, parts)) + (f"; {document.reason}" if document.reason else "")
+
+
+def left_out_tasks(tasks: Sequence[str]) -> str:
+    """Return in words that the run does not play these tasks of its suite."""
+    return f"{formatting.counted(len(tasks), 'task')} of the suite left out, in which a policy cannot act"
 
 
 def left_out(tables: Tables) -> tuple[str, ...]:
@@ -176,6 +183,7 @@ def provenance(document: RunDocument) -> list[tuple[str, str]]:
         ("run", document.run_id),
         ("suite", f"{document.suite.name} ({document.suite_path})"),
         ("protocol", PROTOCOLS[document.suite.protocol]),
+        *([("tasks left out", ", ".join(document.tasks_left_out))] if document.tasks_left_out else []),
         ("suite hash", document.suite_hash),
         ("rows hash", document.rows_hash or "not computed"),
         *((f"policy {name}", digest) for name, digest in {c.policy: c.policy_digest for c in document.plan}.items()),

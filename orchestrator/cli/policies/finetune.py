@@ -39,6 +39,9 @@ def finetune(
             show_default=False,
         ),
     ] = None,
+    bfloat16: Annotated[
+        bool, typer.Option("--bfloat16", help="Store the weights in bfloat16, half the size of fp32.")
+    ] = False,
     shift: Annotated[int, typer.Option(help="Largest random shift of the images (px).")] = 4,
     seed: Annotated[int, typer.Option(help="Seed of adapters, batches and shifts.")] = 0,
     threads: Annotated[int, typer.Option(help="CPU threads.")] = 1,
@@ -50,6 +53,8 @@ def finetune(
     training that was stopped.
     """
     with needs_training_packages():
+        import torch
+
         from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata, check_action_steps, locate
         from robogauntlet.policies.mergevla.network.config import LoraSettings
         from robogauntlet.policies.training import finetune as training
@@ -80,6 +85,7 @@ def finetune(
             lora=lora,
             action_steps=action_steps,
             fresh_trunk=fresh_trunk,
+            dtype=torch.bfloat16 if bfloat16 else None,
             listener=listener,
             stop=stop,
         )

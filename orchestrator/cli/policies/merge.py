@@ -91,10 +91,14 @@ def merge(
         list[Path] | None,
         typer.Option(help="Datasets, or folders of them, to fit routers on; some routers need them. Repeatable."),
     ] = None,
+    weights: Annotated[
+        bool,
+        typer.Option(help="Store the merged weights; without, the experts are merged whenever the model is loaded."),
+    ] = True,
 ) -> None:
     """Merge experts of one base into one model that infers the task.
 
-    The base must stay where it is.
+    The base must stay where it is, and with --no-weights the experts.
     """
     with needs_training_packages():
         import sklearn  # noqa: F401  imported late by the routers
@@ -125,13 +129,15 @@ def merge(
         if lambdas == [AUTO]:
             recipe = _best_lambdas(read, recipe, datasets, instructions)
         merging = merge_experts(read, recipe, instructions)
-        metadata = save_merged(out_folder, merging, _fit(merging.parts, datasets) if datasets else None)
+        fitted = _fit(merging.parts, datasets) if datasets else None
+        metadata = save_merged(out_folder, merging, fitted, weights=weights)
     except OSError as error:
         raise BadInput(describe_os_error_at(error, out_folder)) from None
     _show(merging, _losses(read, merging.parts, datasets, instructions, lambdas) if datasets else {})
     size = (out_folder / WEIGHTS).stat().st_size / 1e6
+    beside = "the base" if weights else "base and experts"
     routers = f"fitted routers: {', '.join(metadata.routers)}" if metadata.routers else "no router was fitted"
-    print_line(f"{out_folder}: {len(metadata.experts)} experts merged, {size:.1f} MB beside the base; {routers}")
+    print_line(f"{out_folder}: {len(metadata.experts)} experts merged, {size:.1f} MB beside {beside}; {routers}")
 
 
 def _checkpoints(references: Sequence[str]) -> list[str]:

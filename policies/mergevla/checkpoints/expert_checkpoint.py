@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import TypeVar
 
@@ -44,7 +45,12 @@ class Checkpoint:
 
 
 def save_checkpoint(
-    folder: Path, model: MergeVLA, metadata: CheckpointMetadata, base: str | Path | None = None
+    folder: Path,
+    model: MergeVLA,
+    metadata: CheckpointMetadata,
+    base: str | Path | None = None,
+    *,
+    dtype: torch.dtype | None = None,
 ) -> CheckpointMetadata:
     """Write a checkpoint. Each file appears only once it is complete.
 
@@ -53,6 +59,7 @@ def save_checkpoint(
         model: Network to save; its adapters stay factors.
         metadata: Its metadata; returned with hashes and the base's name filled in.
         base: Folder or hub id of the base, which must stay in place: tensors equal to the base's are left out.
+        dtype: Type to which the weights are rounded in the file; None for the model's own.
 
     Raises:
         CheckpointError: NaN or infinite weights, or metadata of another network.
@@ -60,7 +67,7 @@ def save_checkpoint(
     """
     if metadata.architecture != model.architecture or (metadata.lora is not None) != has_lora(model):
         raise CheckpointError("expected metadata of the model's own architecture and LoRA, got another's")
-    tensors = tensors_of(model)
+    tensors = {name: tensor.to(dtype or tensor.dtype) for name, tensor in tensors_of(model).items()}
     check_finite(tensors, folder)
     folder.mkdir(parents=True, exist_ok=True)
     if base is not None:
@@ -123,9 +130,10 @@ def _check_shapes(folder: Path, model: MergeVLA, tensors: Mapping[str, Tensor]) 
 
 
 def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMetadata]:
-    """Return a checkpoint's tensors, including its base's, by their names in the plain network, and its metadata.
+    """Return a checkpoint's tensors, with those of its base, by their names in the plain network, and its metadata.
 
-    Factors are named `<layer>.lora_A` and `<layer>.lora_B`. Raises PolicyError as `load_checkpoint` does.
+    Factors are named `<layer>.lora_A` and `<layer>.lora_B`. Tensors that were stored in fewer bits than the base's are
+    returned in the base's type. Raises PolicyError as `load_checkpoint` does.
     """
     folder = locate(str(reference))
     metadata = CheckpointMetadata.verified(folder)
@@ -134,7 +142,9 @@ def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMe
         base = base_folder(folder, metadata.base)
         check_architecture(base, metadata.architecture, CheckpointMetadata.read(base).architecture)
         tensors = read_tensors(base / WEIGHTS)
-    tensors |= read_tensors(folder / WEIGHTS)
+    dtypes = {tensor.dtype for tensor in tensors.values()}
+    for name, tensor in read_tensors(folder / WEIGHTS).items():
+        tensors[name] = tensor.to(reduce(torch.promote_types, dtypes, tensor.dtype))
     check_finite(tensors, folder)
     return tensors, metadata
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -37,6 +37,7 @@ from robogauntlet.policies.mergevla.merging.task_vectors import (
 from robogauntlet.policies.mergevla.merging.trunk import mean_trunk, split_trunk
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors, lora_factors
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
+from robogauntlet.policies.zoo import shipped
 
 VALUES = "action_expert.blocks.{block}.{path}.weight"
 
@@ -60,6 +61,8 @@ class Experts:
     """The base's checkpoint."""
     base_weights: Weights
     by_name: Mapping[str, Expert]
+    checkpoints: Mapping[str, Path | str]
+    """Expert to its checkpoint, a folder or a hub id."""
 
     @property
     def tasks(self) -> dict[str, tuple[str, ...]]:
@@ -75,6 +78,8 @@ class Merging:
     report: MergeReport
     base: Path | str
     """The base's checkpoint."""
+    checkpoints: Mapping[str, Path | str] = field(default_factory=dict)
+    """Expert to its checkpoint."""
 
 
 def read_experts(references: Iterable[str | Path]) -> Experts:
@@ -84,6 +89,7 @@ def read_experts(references: Iterable[str | Path]) -> Experts:
     base than the first.
     """
     by_name: dict[str, Expert] = {}
+    checkpoints: dict[str, Path | str] = {}
     of_task: dict[str, str] = {}
     base: Path | str = ""
     base_weights: Weights = {}
@@ -117,9 +123,10 @@ def read_experts(references: Iterable[str | Path]) -> Experts:
             elif not torch.equal(tensor, base_weights[weight]):
                 raise ExpertsDiffer(f"expert {name}: expected a backbone tuned by adapters alone, got another {weight}")
         by_name[name] = Expert(metadata, lora_factors(checkpoint.model), weights)
+        checkpoints[name] = folder if shipped(str(reference)).is_dir() else str(reference)
     if not by_name:
         raise MergeError("expected at least one expert to merge, got none")
-    return Experts(base, base_weights, by_name)
+    return Experts(base, base_weights, by_name, checkpoints)
 
 
 def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> Merging:
@@ -149,7 +156,7 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
         lora_rank=first.lora.rank,
         weights={name: expert.weights for name, expert in experts.by_name.items()},
     )
-    return Merging(parts, diagnostics, experts.base)
+    return Merging(parts, diagnostics, experts.base, experts.checkpoints)
 
 
 def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> MergedWeights:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 
 from torch import Tensor
@@ -18,10 +19,15 @@ from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import (
     write_folder,
 )
 from robogauntlet.policies.mergevla.checkpoints.expert_copies import restored, unpacked_copy
-from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging, merge_parts, read_experts
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import MergedMetadata
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeights
-from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointError, base_folder, locate
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    WEIGHTS,
+    CheckpointError,
+    base_folder,
+    locate,
+)
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
 from robogauntlet.policies.mergevla.merging.masks import Mask, MaskMismatch, check_mask, pack_mask, unpack_mask
 from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors
@@ -44,25 +50,37 @@ TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, COPY, SUBSPACE, ROUTER = SECTI
     "router",
 )
 """First parts of the tensors' names. An expert's tensors have its number next; the metadata names the experts."""
+BESIDE_WEIGHTS = (SUBSPACE, ROUTER)
+"""Those that are stored even without the merged weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class MergedCheckpoint:
     """A merged model and its metadata."""
 
-    parts: MergedWeights
     metadata: MergedMetadata
     fitted: Weights
     """Tensors of the fitted routers, by `<router>/...`: the result of `routing.catalog.fit_routers`."""
+    make_parts: Callable[[], MergedWeights]
+    """Returns the merged model; takes seconds if its weights are not stored."""
+
+    @cached_property
+    def parts(self) -> MergedWeights:
+        """The merged model. Raises PolicyError if it has to be merged and the experts do not fit."""
+        return self.make_parts()
 
 
-def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -> MergedMetadata:
+def save_merged(
+    folder: Path, merging: Merging, fitted: Weights | None = None, *, weights: bool = True
+) -> MergedMetadata:
     """Write a merged checkpoint and return its metadata; the base stays in place.
 
     Args:
         folder: Folder of the checkpoint, created if necessary.
         merging: Result of the merge.
         fitted: Tensors of the fitted routers, see `MergedCheckpoint`.
+        weights: Whether to store the merged weights. Otherwise the experts, which must stay in place, are merged
+            whenever the checkpoint is loaded.
 
     Raises:
         CheckpointError: NaN or infinite weights.
@@ -90,9 +108,14 @@ def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -
         routers=tuple(sorted({name.partition("/")[0] for name in fitted or {}})),
         report=json.loads(merging.report.to_json()),
     )
-    return write_folder(
-        folder, {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, metadata
-    )
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    metadata = write_folder(folder, tensors, metadata)
+    if weights:
+        return metadata
+    checkpoints = {expert: name_of_base(folder, place) for expert, place in merging.checkpoints.items()}
+    metadata = replace(metadata, checkpoints=checkpoints, merged_hash=metadata.tensor_hash)
+    kept = {name: tensor for name, tensor in tensors.items() if _section_of(name) in BESIDE_WEIGHTS}
+    return write_folder(folder, kept, metadata)
 
 
 def load_merged(reference: str | Path) -> MergedCheckpoint:
@@ -100,7 +123,7 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
 
     Raises:
         PolicyError: It is not a merged checkpoint, truncated, of another hash than in its metadata, has NaN weights, a
-            mask for another model, or a base of another architecture.
+            mask for another model, a base of another architecture, or refers to other experts than it was made of.
     """
     folder = locate(str(reference))
     metadata = MergedMetadata.verified(folder)
@@ -108,14 +131,23 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     check_architecture(folder, metadata.architecture, base_metadata.architecture)
     tensors = read_tensors(folder / WEIGHTS)
     check_finite(tensors, folder)
-    sections = {name.partition("/")[0] for name in tensors}
-    if unknown := sorted(sections - set(SECTIONS)):
+    if unknown := sorted(set(map(_section_of, tensors)) - set(BESIDE_WEIGHTS if metadata.checkpoints else SECTIONS)):
         raise CheckpointError(f"'{folder}': expected the tensors of a merged model, got {unknown[0]}")
+    fitted = _section(tensors, ROUTER)
+    if metadata.checkpoints:
+        return MergedCheckpoint(metadata, fitted, partial(_merged_anew, folder, metadata, tensors))
     try:
         parts = _parts(metadata, tensors, base)
     except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
         raise type(error)(f"'{folder}': {error}") from None
-    return MergedCheckpoint(parts, metadata, _section(tensors, ROUTER))
+    return MergedCheckpoint(metadata, fitted, lambda: parts)
+
+
+def _merged_anew(folder: Path, metadata: MergedMetadata, tensors: Weights) -> MergedWeights:
+    experts = read_experts(metadata.expert_folder(folder, expert) for expert in metadata.experts)
+    # The last bits of singular vectors differ from processor to processor, so that they are stored.
+    subspaces = {expert: _subspaces(tensors, str(number)) for number, expert in enumerate(metadata.experts)}
+    return replace(merge_parts(experts, metadata.recipe, metadata.instructions), subspaces=subspaces)
 
 
 def tensors_of_parts(parts: MergedWeights) -> dict[str, Tensor]:
@@ -223,6 +255,10 @@ def _subspaces(tensors: Weights, number: str) -> tuple[Tensor, Tensor]:
     if section.keys() != {"v_adapter", "v_task"}:
         raise CheckpointError(f"expected the value projections of expert {number}, got {', '.join(section) or 'none'}")
     return section["v_adapter"], section["v_task"]
+
+
+def _section_of(name: str) -> str:
+    return name.partition("/")[0]
 
 
 def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

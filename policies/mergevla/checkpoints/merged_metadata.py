@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, StrictInt
@@ -11,7 +12,9 @@ from pydantic.dataclasses import dataclass
 
 from robogauntlet.policies.mergevla.checkpoints.metadata import (
     CheckpointError,
+    CheckpointMetadata,
     StoredMetadata,
+    base_folder,
     check_action_steps,
     locate,
 )
@@ -30,7 +33,7 @@ class MergedMetadata(StoredMetadata):
     """Everything about a merged checkpoint except its tensors."""
 
     kind: ClassVar = KIND
-    left_out_if_empty: ClassVar = ("tasks_of_several",)
+    left_out_if_empty: ClassVar = ("tasks_of_several", "checkpoints", "merged_hash")
 
     architecture: Architecture
     statistics: TaskStatistics
@@ -54,6 +57,11 @@ class MergedMetadata(StoredMetadata):
     """Routers that were fitted, whose tensors are stored."""
     report: Mapping[str, Any] = field(default_factory=dict)
     """`merging.diagnostics.MergeReport` of the merge."""
+    checkpoints: Mapping[str, str] = field(default_factory=dict)
+    """Expert to its checkpoint, a folder relative to this one or a hub id, of which the model is merged when it is
+    loaded; empty if the merged weights are stored."""
+    merged_hash: str = ""
+    """`hash_tensors` of the file with the merged weights, if these are not stored."""
     tensor_hash: str = ""
     """`hash_tensors` of the weights' file; filled in when the checkpoint is saved."""
 
@@ -66,9 +74,10 @@ class MergedMetadata(StoredMetadata):
         for names, what, values in (
             (tasks, "instruction of each task", self.instructions),
             (self.experts, "digest of each merged expert", self.expert_digests),
+            (self.experts, "checkpoint of each merged expert", self.checkpoints or self.experts),
         ):
             if odd := sorted(set(values) ^ set(names)):
-                raise CheckpointError(f"expected statistics and an {what}, {odd[0]} has one of them only")
+                raise CheckpointError(f"expected statistics and the {what}, {odd[0]} has one of them only")
         for steps in self.action_steps.values():
             check_action_steps(steps, self.architecture)
 
@@ -92,13 +101,27 @@ class MergedMetadata(StoredMetadata):
             "recipe": self.recipe.as_json(),
             "instructions": dict(self.instructions),
             "rescalers": dict(self.rescalers),
-            "tensors": self.tensor_hash,
+            "tensors": self.merged_hash or self.tensor_hash,
             "base": self.base_hash,
         }
         for name in ("action_steps", "tasks_of_several"):
             if given := getattr(self, name):
                 decisive[name] = dict(given)
         return content_hash(decisive)
+
+    @classmethod
+    def verified(cls, folder: Path) -> Self:
+        """Check as any checkpoint is checked, and that the experts to be merged are those of the metadata."""
+        metadata = super().verified(folder)
+        for expert, digest in metadata.expert_digests.items() if metadata.checkpoints else ():
+            found = CheckpointMetadata.verified(metadata.expert_folder(folder, expert)).digest
+            if found != digest:
+                raise CheckpointError(f"'{folder}': expected expert {expert} of digest {digest}, got {found}")
+        return metadata
+
+    def expert_folder(self, folder: Path, expert: str) -> Path:
+        """Return the folder of one of `checkpoints`; `folder` is this checkpoint's. Raises CheckpointError."""
+        return base_folder(folder, self.checkpoints[expert], f"expert {expert}")
 
     def as_json(self) -> dict[str, Any]:
         """Return the metadata as plain JSON; `from_json` is the inverse."""

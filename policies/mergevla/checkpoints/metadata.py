@@ -48,7 +48,7 @@ class StoredMetadata(Stored):
     kind: ClassVar[str | None] = None
     """Value of `kind` in the file; a checkpoint of one network has none."""
     left_out_if_empty: ClassVar[tuple[str, ...]] = ()
-    """Fields of experts of several tasks, which earlier versions do not read."""
+    """Fields that most checkpoints do not need, and that earlier versions do not read."""
     base: str | None
     base_hash: str | None
     tensor_hash: str
@@ -210,8 +210,8 @@ def check_action_steps(steps: int | None, architecture: Architecture) -> None:
         )
 
 
-def base_folder(folder: Path, base: str) -> Path:
-    """Return the folder of the base that the metadata in `folder` name.
+def base_folder(folder: Path, base: str, what: str = "base") -> Path:
+    """Return the folder of the base that the metadata in `folder` name, or of another checkpoint, which is then `what`.
 
     Raises CheckpointError if it is neither a folder nor on a hub.
     """
@@ -220,9 +220,9 @@ def base_folder(folder: Path, base: str) -> Path:
     try:
         return locate(str(beside) if beside.is_dir() else base)
     except OSError as error:
-        raise CheckpointError(f"'{folder}': expected its base at '{shown}': {error.strerror}") from None
+        raise CheckpointError(f"'{folder}': expected its {what} at '{shown}': {error.strerror}") from None
     except PolicyError as error:
-        raise CheckpointError(f"'{folder}': expected its base at '{shown}': {error}") from None
+        raise CheckpointError(f"'{folder}': expected its {what} at '{shown}': {error}") from None
 
 
 def digest_of(reference: str) -> str:
@@ -231,13 +231,17 @@ def digest_of(reference: str) -> str:
 
 
 def checkpoint_files(reference: str | Path) -> tuple[Path, tuple[Path, ...]]:
-    """Return a checkpoint's folder, and its files with those of a local base. A base on a hub is left out."""
+    """Return a checkpoint's folder, and its files with those of a local base and of local experts that it refers to.
+
+    What is on a hub is left out.
+    """
     folder = locate(str(reference)).resolve()
-    folders = [folder]
-    base = read_metadata_file(folder).get("base")
-    if isinstance(base, str) and (folder / base).is_dir():
-        folders.append((folder / base).resolve())
-    return folder, tuple(place / name for place in folders for name in (METADATA_FILE, WEIGHTS))
+    plain = read_metadata_file(folder)
+    base, experts = plain.get("base"), plain.get("checkpoints")
+    beside = [base, *(experts.values() if isinstance(experts, dict) else ())]
+    folders = [folder / other for other in beside if isinstance(other, str) and (folder / other).is_dir()]
+    own = tuple(folder / name for name in (METADATA_FILE, WEIGHTS))
+    return folder, tuple(dict.fromkeys((*own, *all_files(folders))))
 
 
 def all_files(references: Iterable[str | Path]) -> tuple[Path, ...]:

@@ -66,12 +66,13 @@ class MergedPolicy:
         """
         checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
         router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
-        parts = checkpoint.parts
         if options.recipe is not None and options.experts is not None:
             folders = expert_folders(options.experts)
             _check_recipe(options.recipe, folders, options.router, checkpoint)
             experts = _experts(tuple(map(_version, dict.fromkeys(folders.values()))))
-            parts = merge_parts(experts, options.recipe, parts.instructions)
+            parts = merge_parts(experts, options.recipe, checkpoint.metadata.instructions)
+        else:
+            parts = checkpoint.parts
         return cls(MergedModel(parts, device=device_here()), router)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
@@ -129,11 +130,11 @@ def merged_spec(options: MergedOptions) -> PolicySpec:
     """
     checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
     router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
-    tasks: Iterable[str] = checkpoint.parts.expert_of
+    tasks: Iterable[str] = checkpoint.metadata.instructions
     if options.recipe is not None and options.experts is not None:
         tasks = folders = expert_folders(options.experts)
         _check_recipe(options.recipe, folders, options.router, checkpoint)
-    return _spec(checkpoint.parts.architecture, tasks, options.router)
+    return _spec(checkpoint.metadata.architecture, tasks, options.router)
 
 
 def _spec(architecture: Architecture, tasks: Iterable[str], router: str) -> PolicySpec:

@@ -61,6 +61,17 @@ def test_the_options_determine_the_recipe(zoo, tmp_path):
     assert (recipe.trunk, recipe.kept_blocks, recipe.backbone) == ("mean", 2, "select")
 
 
+def test_without_weights_the_experts_are_referred_to(zoo, tmp_path):
+    done = merge(zoo / "experts", "--out", tmp_path / "m", "--operator", "ta", "--no-weights")
+    assert done.exit_code == 0, done.exception
+    assert "MB beside base and experts" in done.output
+    metadata = load_merged(tmp_path / "m").metadata
+    assert {(tmp_path / "m" / place).resolve() for place in metadata.checkpoints.values()} == set(
+        (zoo / "experts").iterdir()
+    )
+    MERGED.load({"checkpoint": str(tmp_path / "m"), "router": "oracle"})
+
+
 def test_an_earlier_merged_checkpoint_and_leftovers_are_overwritten(zoo, tmp_path):
     for name in (".tmpAb3dEf", "model.safetensors.partial"):
         (tmp_path / name).write_bytes(b"half")

@@ -38,6 +38,7 @@ def folder(tmp_path):
     """A base, three experts and their merged model."""
     made = merging(save_experts(tmp_path / "zoo"))
     save_merged(tmp_path / "zoo" / "merged", made)
+    save_merged(tmp_path / "zoo" / "referring", made, weights=False)
     return tmp_path / "zoo"
 
 
@@ -71,6 +72,7 @@ def sources(folder):
         "base": planned("mergevla", checkpoint=str(folder / "base")),
         "experts": planned("mergevla-experts", folder=experts),
         "merged": planned("mergevla-merged", checkpoint=str(folder / "merged"), router="oracle"),
+        "referring": planned("mergevla-merged", checkpoint=str(folder / "referring"), router="oracle"),
         "remerged": planned(
             "mergevla-merged",
             checkpoint=str(folder / "merged"),
@@ -90,7 +92,7 @@ def test_a_bundle_keeps_the_relative_paths_of_its_files(options, files):
         assert {name: root / place for name, place in places.items()} == options
 
 
-@pytest.mark.parametrize("name", ["one", "base", "experts", "merged", "remerged"])
+@pytest.mark.parametrize("name", ["one", "base", "experts", "merged", "referring", "remerged"])
 def test_a_node_without_the_files_builds_the_same_policy_from_the_bundle(folder, name):
     source = with_bundle(sources(folder)[name])
     shutil.rmtree(folder)

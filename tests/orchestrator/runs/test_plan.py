@@ -7,6 +7,7 @@ from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan, why_imposs
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.selection import SuiteSelection
 from tests.errors import one_line_error
 
 SUITE = """name: worded
@@ -132,6 +133,34 @@ def test_the_hash_of_a_suite_without_policies_is_unknown(suite_file):
         suite_file("name: s\nneeds: policy\ntasks: [null/Reach]\nseeds: {count: 2}\n"), require_installed=False
     )
     assert plan.suite_hash == NO_POLICY
+
+
+NEEDS = "name: s\nneeds: policy\ntasks: [null/Reach, robosuite/Lift, pybullet/PandaReach-v3]\n"
+
+
+def fitted(suite_file, *policies):
+    suite = suite_file(NEEDS + "seeds: {count: 2}\nimage_size: 224\n")
+    plan = make_plan(suite, part=SuiteSelection(policies))
+    return plan.suite.tasks, plan.left_out, {cell.protocol.view.image_size for cell in plan.cells}
+
+
+def test_a_suite_that_needs_a_policy_takes_its_image_size_and_leaves_out_tasks_in_which_it_cannot_act(suite_file):
+    played = ("robosuite/Lift", "pybullet/PandaReach-v3")
+    assert fitted(suite_file, "zoo:experts") == (played, ("null/Reach",), {96})
+
+
+def test_several_policies_play_the_tasks_in_which_all_can_act_in_the_images_of_the_suite(suite_file):
+    everything = ("null/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")
+    assert fitted(suite_file, "zero", "random") == (everything, (), {224})
+    assert fitted(suite_file, "zero", "replay") == (everything[1:], everything[:1], {224})
+    with pytest.raises(SuiteError, match="the policy was made for 96 px images, the suite renders 224 px"):
+        fitted(suite_file, "zero", "zoo:experts")
+
+
+def test_a_policy_that_can_act_in_no_task_of_a_suite_is_refused(suite_file):
+    suite = suite_file("name: s\nneeds: policy\ntasks: [null/Reach]\nseeds: {count: 2}\n")
+    with pytest.raises(SuiteError, match="cannot act in null/Reach"):
+        make_plan(suite, part=SuiteSelection(("zoo:experts",)))
 
 
 def test_a_combination_is_planned_for_the_tasks_that_support_all_of_its_axes(suite_file):

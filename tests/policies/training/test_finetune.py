@@ -264,6 +264,15 @@ def test_an_expert_of_a_base_in_half_precision_stores_the_same_parts_and_acts_in
     assert {tensor.dtype for tensor in acting.state_dict().values()} == {torch.bfloat16}
 
 
+def test_an_expert_stored_in_bfloat16_is_trained_as_any_other(data, base, tmp_path):
+    mixture = DatasetMixture.open(data[:1])
+    finetune(mixture, base, tmp_path / "whole", QUICK, lora=LORA)
+    finetune(mixture, base, tmp_path / "half", QUICK, lora=LORA, dtype=torch.bfloat16)
+    whole, half = (load_file(tmp_path / folder / WEIGHTS) for folder in ("whole", "half"))
+    assert whole.keys() == half.keys()
+    assert all(torch.equal(tensor.bfloat16(), half[name]) for name, tensor in whole.items())
+
+
 def test_the_loss_leaves_out_masked_steps():
     predicted, target = torch.zeros(2, 3, 7), torch.ones(2, 3, 7)
     target[1, 1:] = 100.0

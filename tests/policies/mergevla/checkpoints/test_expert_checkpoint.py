@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, save_checkpoint
@@ -77,6 +78,24 @@ def test_tensors_of_a_base_are_stored_once_and_both_folders_can_move_together(sa
     back = load_checkpoint(tmp_path / "moved" / "tuned")
     assert torch.equal(back.model(*inputs(SMALL)), small_model()(*inputs(SMALL)))
     assert back.metadata.base == "../expert"
+
+
+def test_weights_stored_in_bfloat16_are_rounded_and_load_in_the_bases_type(saved, tmp_path):
+    model = load_checkpoint(saved).model
+    add_lora(model, LoraSettings(rank=2), seed=0)
+    torch.nn.init.normal_(model.action_expert.output.weight)
+    for folder, dtype in (("whole", None), ("half", torch.bfloat16)):
+        metadata = example_metadata(lora=LoraSettings(rank=2))
+        save_checkpoint(tmp_path / folder, model, metadata, base=saved, dtype=dtype)
+    whole, half = (load_tensors(tmp_path / folder)[0] for folder in ("whole", "half"))
+    assert {tensor.dtype for tensor in half.values()} == {torch.float32}
+    frozen = load_tensors(saved)[0]
+    for name, tensor in whole.items():
+        kept = name in frozen and torch.equal(tensor, frozen[name])
+        assert torch.equal(half[name], tensor if kept else tensor.bfloat16().float()), name
+    stored = load_file(tmp_path / "half" / WEIGHTS)
+    assert stored.keys() == load_file(tmp_path / "whole" / WEIGHTS).keys()
+    assert {tensor.dtype for tensor in stored.values()} == {torch.bfloat16}
 
 
 def test_another_base_in_the_bases_place_is_refused(saved, tmp_path):

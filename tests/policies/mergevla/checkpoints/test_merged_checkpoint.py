@@ -23,7 +23,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import (
 from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, TrunkRule
 from tests.errors import one_line_error
 from tests.policies.mergevla.checkpoints.test_expert_checkpoint import Exploding, rewrite
-from tests.policies.mergevla.experts import TASKS, merging, save_base, save_experts
+from tests.policies.mergevla.experts import TASKS, merging, save_base, save_expert, save_experts
 
 FITTED = {"calibrated/unaided/means": torch.arange(3.0)}
 
@@ -86,6 +86,59 @@ def test_experts_that_are_not_merged_load_unchanged_and_take_their_bits(folders,
     assert made.report.bytes_per_task[TASKS[0]].head == pytest.approx(entries * bits / 8 + 2 * rows, rel=0.01)
     save_merged(tmp_path / "again", Merging(back, made.report, made.base))
     assert hash_tensors(tmp_path / "again" / WEIGHTS) == hash_tensors(tmp_path / WEIGHTS)
+
+
+@pytest.fixture
+def without_weights(tmp_path):
+    """A merged checkpoint beside its experts, which it refers to."""
+    made = merging(save_experts(tmp_path), operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
+    save_merged(tmp_path / "whole", made, FITTED)
+    save_merged(tmp_path / "merged", made, FITTED, weights=False)
+    return tmp_path / "merged"
+
+
+def test_a_model_merged_at_loading_is_the_stored_one(without_weights):
+    whole = without_weights.parent / "whole"
+    assert merged_digest_of(str(without_weights)) == merged_digest_of(str(whole))
+    (first, one), (second, other) = (
+        (checkpoint, MergedModel(checkpoint.parts)) for checkpoint in map(load_merged, (whole, without_weights))
+    )
+    for expert in TASKS:
+        a, b = one.weights(expert), other.weights(expert)
+        assert all(torch.equal(a[name], b[name]) for name in a)
+        assert all(map(torch.equal, one.own_value_weights(expert), other.own_value_weights(expert)))
+    assert second.fitted.keys() == first.fitted.keys() == FITTED.keys()
+    assert {name.partition("/")[0] for name in load_file(without_weights / WEIGHTS)} == {"router", "subspace"}
+
+
+def test_a_model_merged_at_loading_moves_with_its_experts(without_weights, tmp_path):
+    digest = merged_digest_of(str(without_weights))
+    moved = tmp_path / "elsewhere"
+    moved.mkdir()
+    for name in ("base", "experts", "merged"):
+        (tmp_path / name).rename(moved / name)
+    assert merged_digest_of(str(moved / "merged")) == digest
+    assert load_merged(moved / "merged").parts.statistics.tasks == TASKS
+
+
+def test_another_expert_in_the_place_of_a_merged_one_is_refused(without_weights, tmp_path):
+    save_expert(tmp_path / "experts" / "null-Slow", tmp_path / "base", "null/Slow", seed=9)
+    refused(without_weights, "expected expert null/Slow of digest [0-9a-f]{16}, got [0-9a-f]{16}")
+
+
+def test_the_message_for_a_missing_expert_of_a_merged_model_names_both(without_weights, tmp_path):
+    (tmp_path / "experts" / "null-Slow").rename(tmp_path / "moved")
+    refused(without_weights, f"'{without_weights}': expected its expert null/Slow at '../experts/null-Slow'")
+
+
+def test_merged_weights_beside_references_to_experts_are_refused(without_weights):
+    change(without_weights, lambda tensors: tensors.update({"tau/x": torch.zeros(2)}))
+    refused(without_weights, "expected the tensors of a merged model, got tau")
+
+
+def test_references_to_some_of_the_experts_are_refused(without_weights):
+    rewrite(without_weights, checkpoints={"null/Slow": "../experts/null-Slow"})
+    refused(without_weights, "expected statistics and the checkpoint of each merged expert")
 
 
 def stray(tensors):
