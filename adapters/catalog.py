@@ -56,6 +56,14 @@ def task_descriptions() -> Mapping[str, TaskDescription]:
     return _TaskDescriptions()
 
 
+def original(task: str) -> str:
+    """Return the task (`simulator/task`) of which a task is a variant, or the task itself, known or not."""
+    name, _, short = task.partition("/")
+    simulator = simulators().get(name)
+    description = simulator.tasks.get(short) if simulator else None
+    return description.variant_of if description and description.variant_of else task
+
+
 def goal_of(task: str) -> Goal | None:
     """Return what `simulator/task` declares as its goal, if there is such a task and it does."""
     name, _, short = task.partition("/")

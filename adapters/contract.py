@@ -243,6 +243,8 @@ class TaskDescription:
     `variant-name`."""
     robot: str = ""
     """The robot that plays it, if others can: tasks with the same name before an `@` differ in it."""
+    variant_of: str = ""
+    """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
 
 
 @dataclass(frozen=True)

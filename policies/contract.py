@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from robogauntlet.adapters.catalog import original
 from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import UserError
@@ -61,6 +62,12 @@ class PolicySpec:
     """Height and width (px) of its images, or None for any."""
     tasks: frozenset[str] | None = None
     """Tasks (`simulator/task`) in which it can act, or None for all."""
+    variants: bool = False
+    """Whether it can act in variants of these tasks too."""
+
+    def can_act_in(self, task: str) -> bool:
+        """Return whether it can act in `simulator/task`."""
+        return self.tasks is None or task in self.tasks or (self.variants and original(task) in self.tasks)
 
 
 @dataclass(frozen=True)
@@ -174,8 +181,9 @@ def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:
     Raises:
         PolicyMismatch: It cannot; the message names the tasks in which it can.
     """
-    if spec.tasks is not None and (beyond := [task for task in tasks if task not in spec.tasks]):
-        raise PolicyMismatch(f"it cannot act in {', '.join(beyond)}; it can in {', '.join(sorted(spec.tasks))}")
+    if beyond := [task for task in tasks if not spec.can_act_in(task)]:
+        able = ", ".join(sorted(spec.tasks or ()))
+        raise PolicyMismatch(f"it cannot act in {', '.join(beyond)}; it can in {able}")
 
 
 def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: ObservationSpec) -> None:

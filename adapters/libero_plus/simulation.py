@@ -143,7 +143,7 @@ def psnr(image: Image, clean: Image) -> float:
 
 
 def open_simulation(task: str, view: View) -> LiberoPlusSimulation:
-    """Open the task of that name, such as `robot-goal-7-450`.
+    """Open the task of that name, such as `robot-goal-7-448`.
 
     Raises:
         SimulatorUnavailable: LIBERO, a dependency or its assets are missing, or this machine cannot render.

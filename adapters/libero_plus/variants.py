@@ -1,8 +1,8 @@
 """LIBERO-Plus's 10,030 tasks, read from `variants.json`, which `generate_variants.py` writes. Imports neither package.
 
 A task is one of LIBERO's with one variant of one of seven axes, and is called `<axis>-<suite>-<number>-<variant>`, such
-as `robot-goal-7-450`: suite and number as in `libero/goal-7-turn-on-stove`, the variant's numbers as in LIBERO-Plus's
-own name, `turn_on_the_stove_view_0_0_100_0_0_initstate_450`. In `10` the scene is between them:
+as `robot-goal-7-448`: suite and number as in `libero/goal-7-turn-on-stove`, the variant's numbers as in LIBERO-Plus's
+own name, `turn_on_the_stove_view_0_0_100_0_0_initstate_448`. In `10` the scene is between them:
 `robot-10-5-study1-316`.
 """
 
@@ -42,7 +42,7 @@ class Variant:
     axis: PlusAxis
     base: LiberoTask
     code: str
-    """The end of the task's name, such as `450`, `30-15-120-0-0` or `moved-2-1`."""
+    """The end of the task's name, such as `448`, `30-15-120-0-0` or `moved-2-1`."""
 
     @property
     def task(self) -> str:
@@ -110,7 +110,11 @@ class Variant:
         """The task, as the catalog shows it."""
         own = _description(self.base.task)
         return TaskDescription(
-            self.instruction, own.horizon, goal=own.goal, published_instruction=self.published_instruction
+            self.instruction,
+            own.horizon,
+            goal=own.goal,
+            published_instruction=self.published_instruction,
+            variant_of=f"libero/{self.base.task}",
         )
 
 

@@ -14,7 +14,7 @@ from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
-from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy, within
+from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy, of_tasks
 from robogauntlet.policies import catalog as policies
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
@@ -166,7 +166,8 @@ def make_plan(
     fit, chosen = loaded.needs is not None, suite.tasks
     if fit:
         for entry in suite.policies:
-            suite = within(suite, known.tasks if (known := names.policies.get(entry.kind)) else None)
+            if (known := names.policies.get(entry.kind)) and known.tasks is not None:
+                suite = of_tasks(suite, known.tasks.__contains__)
     if mistakes := check_names(suite, names):  # of added policies
         raise SuiteError([problem_at(path, None, message) for _, message in mistakes])
     environments = EnvironmentResolver(suite.environments)

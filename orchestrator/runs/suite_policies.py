@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -195,13 +195,12 @@ def _find_without_start(
 def _fitted(suite: Suite, spec: PolicySpec) -> Suite:
     """The suite in the image size of its only policy, without the tasks in which the policy cannot act."""
     size = spec.image_size if len(suite.policies) == 1 else None
-    return within(suite.model_copy(update={"image_size": size or suite.image_size}), spec.tasks)
+    return of_tasks(suite.model_copy(update={"image_size": size or suite.image_size}), spec.can_act_in)
 
 
-def within(suite: Suite, able: Collection[str] | None) -> Suite:
-    """Return the suite with those of its tasks that are in `able`; the whole suite if none is, or for None."""
-    kept = tuple(task for task in suite.tasks if able is None or task in able)
-    return suite.model_copy(update={"tasks": kept or suite.tasks})
+def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:
+    """Return the suite with those of its tasks that are `able`; the whole suite if none is."""
+    return suite.model_copy(update={"tasks": tuple(filter(able, suite.tasks)) or suite.tasks})
 
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:

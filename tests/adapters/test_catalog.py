@@ -36,3 +36,17 @@ def test_a_simulator_without_the_modules_of_any_task_is_not_installed():
     both = replace(simulator, tasks={"First": lacking, "Second": TaskDescription("reach", 1)})
     assert catalog.missing_reason(both) is None
     assert catalog.installed_task(both) == "Second"
+
+
+@pytest.mark.parametrize(
+    ("task", "own"),
+    [
+        ("libero-plus/robot-goal-7-448", "libero/goal-7-turn-on-stove"),
+        ("libero/goal-7-turn-on-stove", "libero/goal-7-turn-on-stove"),
+        ("null/Reach", "null/Reach"),
+        ("null/Unknown", "null/Unknown"),
+        ("nowhere/Reach", "nowhere/Reach"),
+    ],
+)
+def test_the_original_of_a_variant_is_the_task_that_it_varies(task, own):
+    assert catalog.original(task) == own

@@ -42,7 +42,7 @@ def test_each_axis_has_as_many_variants_as_in_the_paper_and_a_pattern_selects_th
     ("task", "name"),
     [
         ("camera-goal-7-0-0-160-0-0", f"{STOVE}_view_0_0_160_0_0_initstate_0"),
-        ("robot-goal-7-450", f"{STOVE}_view_0_0_100_0_0_initstate_450"),
+        ("robot-goal-7-448", f"{STOVE}_view_0_0_100_0_0_initstate_448"),
         ("language-goal-7-3", f"{STOVE}_language_3_view_0_0_100_0_0_initstate_0"),
         ("light-goal-7-12", f"{STOVE}_light_12"),
         ("background-goal-7-tb-4", f"{STOVE}_tb_4"),

@@ -1,8 +1,8 @@
 """LIBERO's four experts on the stored states, beside the controls: oracle, open loop, without images, without words.
 
-`LIBERO=FOLDER python -m tests.benchmarks libero_experts` (default `runs/libero`) plays the experts of
-`scripts/libero.sh`, after `robogauntlet env create libero`. What is finished in the folder is
-kept, so that the same command continues.
+`LIBERO=FOLDER python -m tests.benchmarks libero_experts` (default `runs/libero`) plays the zoo's experts, and the
+replays of `scripts/libero.sh FOLDER`, after `robogauntlet env create libero`. What is finished in the folder is kept,
+so that the same command continues.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from typing import Any
 
 import pandas as pd
 
-from robogauntlet.policies.mergevla.options import expert_folders
+from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.rates import wilson_interval
 from tests.benchmarks.document import write_episodes
 from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import play_policies, table_of
 
+EXPERTS = "zoo:libero-experts"
 SUITES = {"spatial": "Spatial", "object": "Object", "goal": "Goal", "10": "Long"}
 STATES = 10
 """Stored states of each task, from the first on."""
@@ -49,10 +51,10 @@ def measure() -> list[dict[str, object]]:
 def played_experts(folder: Path) -> Iterator[pd.DataFrame]:
     """Play the experts, clean and with the controls, suite by suite: a row per episode."""
     for suite in SUITES:
-        experts = {"experts": {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}
+        experts = {"experts": {"kind": "mergevla", "options": {"checkpoint": f"{EXPERTS}/libero-{suite}"}}}
         conditions = ["clean", *(axis for axis in CONTROLS if suite == "goal" or axis != "wrong-goal")]
         yield play_policies(
-            folder, f"experts-{suite}", experts, tasks_of(folder, suite), STATES, EPISODE, conditions=conditions
+            folder, f"experts-{suite}", experts, tasks_of(suite), STATES, EPISODE, conditions=conditions
         )
 
 
@@ -61,7 +63,7 @@ def played_baselines(folder: Path) -> Iterator[pd.DataFrame]:
     for suite in SUITES:
         replay = {"kind": "replay", "options": {"demonstrations": str(folder / "replays" / suite)}}
         policies: dict[str, dict[str, Any]] = {"oracle": {"kind": "oracle"}, "replay": replay}
-        yield play_policies(folder, f"baselines-{suite}", policies, tasks_of(folder, suite), STATES, EPISODE)
+        yield play_policies(folder, f"baselines-{suite}", policies, tasks_of(suite), STATES, EPISODE)
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
@@ -102,6 +104,6 @@ def folder_of_experts() -> Path:
     return Path(os.environ.get("LIBERO", "runs/libero")).absolute()
 
 
-def tasks_of(folder: Path, suite: str) -> list[str]:
+def tasks_of(suite: str) -> list[str]:
     """The tasks of a suite's expert."""
-    return sorted(task for task in expert_folders(folder / "experts") if suite_of(task) == suite)
+    return sorted(CheckpointMetadata.read(shipped(f"{EXPERTS}/libero-{suite}")).tasks)

@@ -139,7 +139,7 @@ def merged_spec(options: MergedOptions) -> PolicySpec:
 
 def _spec(architecture: Architecture, tasks: Iterable[str], router: str) -> PolicySpec:
     spec = policy_spec(architecture)
-    return replace(spec, tasks=frozenset(tasks)) if router == OracleRouter.name else spec
+    return replace(spec, tasks=frozenset(tasks), variants=True) if router == OracleRouter.name else spec
 
 
 def _version(folder: Path) -> tuple[Path, int]:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from robogauntlet.adapters.catalog import original
 from robogauntlet.adapters.contract import FloatArray, Observation
 from robogauntlet.policies.contract import (
     Decision,
@@ -153,7 +154,7 @@ class MergeVLAPolicy(StatelessPolicy):
         for task, spec in specs.items():
             if spec != self.spec:
                 raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
-        self.spec = replace(self.spec, tasks=frozenset(checkpoints))
+        self.spec = replace(self.spec, tasks=frozenset(checkpoints), variants=True)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Refuse episodes of a task without a checkpoint."""
@@ -169,8 +170,9 @@ class MergeVLAPolicy(StatelessPolicy):
     def _checkpoint(self, task: str) -> Path:
         if isinstance(self._checkpoints, Path):
             return self._checkpoints
-        if task not in self._checkpoints:
+        own = original(task)
+        if own not in self._checkpoints:
             raise PolicyError(
                 f"expected a task that has an expert, got '{task}'{did_you_mean(task, self._checkpoints)}"
             )
-        return self._checkpoints[task]
+        return self._checkpoints[own]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from robogauntlet.adapters.catalog import original
 from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError, answer
@@ -60,13 +61,13 @@ class OracleRouter(_WithoutPass):
     def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order. Raises RoutingError if its task has no expert."""
         for observation in observations:
-            if observation.task not in model.expert_of:
+            if original(observation.task) not in model.expert_of:
                 hint = did_you_mean(observation.task, model.expert_of)
                 raise RoutingError(
                     f"router 'oracle': expected a task that has an expert, got '{observation.task}'{hint}"
                 )
         return [
-            answer({expert: float(expert == model.expert_of[observation.task]) for expert in model.experts})
+            answer({expert: float(expert == model.expert_of[original(observation.task)]) for expert in model.experts})
             for observation in observations
         ]
 

@@ -9,6 +9,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from robogauntlet.adapters.catalog import original
 from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, FloatArray
 from robogauntlet.policies.contract import PolicyError, Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
@@ -76,7 +77,7 @@ def answer(scores: Mapping[str, float], unknown: float | None = None, threshold:
 
 def named_for(routing: Routing, task: str, model: MergedModel) -> Routing:
     """Return a routing in which the expert of `task`, if there is one, has the task's name, as records need it."""
-    expert = model.expert_of.get(task)
+    expert = model.expert_of.get(original(task))
     if expert in (None, task):
         return routing
     scores = {task if name == expert else name: score for name, score in routing.scores.items()}

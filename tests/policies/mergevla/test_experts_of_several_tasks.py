@@ -9,7 +9,7 @@ import torch
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.contract import PolicyError, check_tasks
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged, save_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
@@ -118,6 +118,25 @@ def test_in_records_the_expert_of_the_episodes_task_has_the_tasks_name(model):
     assert named_for(routed, TASKS[1], model).scores == {TASKS[1]: 1.0, TASKS[2]: 0.0}
     assert named_for(routed, TASKS[2], model) == routed
     assert named_for(routed, "null/Unknown", model) == routed
+
+
+def test_experts_act_in_variants_of_their_tasks_and_records_have_the_variants_name(tmp_path):
+    variant, own = "libero-plus/robot-goal-7-448", "libero/goal-7-turn-on-stove"
+    base = save_base(tmp_path / "base")
+    folders = [
+        save_expert(tmp_path / "experts" / task.replace("/", "-"), base, task, seed)
+        for seed, task in enumerate((own, TASKS[2]))
+    ]
+    save_merged(tmp_path / "merged", merging(folders, instructions={own: "", TASKS[2]: ""}))
+    experts = EXPERTS.load({"folder": str(tmp_path / "experts")})
+    merged = MERGED.load({"checkpoint": str(tmp_path / "merged"), "router": "oracle"})
+    for policy in (experts, merged):
+        check_tasks(policy.spec, [variant])
+        with pytest.raises(PolicyError, match="it cannot act in libero-plus/robot-goal-6-447"):
+            check_tasks(policy.spec, ["libero-plus/robot-goal-6-447"])
+        as_variant, as_own = (policy.act([query(0, task=task)])[0].actions for task in (variant, own))
+        np.testing.assert_array_equal(as_variant, as_own)
+    assert merged.act([query(1, task=variant)])[0].routing.choice == variant
 
 
 def test_an_evaluation_counts_an_answer_by_expert(model):
