@@ -15,6 +15,10 @@ from robogauntlet.adapters.catalog import original
 from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import UserError
+from robogauntlet.support.text import first_of
+
+SHOWN_TASKS = 10
+"""Tasks in a message."""
 
 
 class PolicyError(UserError):
@@ -182,8 +186,8 @@ def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:
         PolicyMismatch: It cannot; the message names the tasks in which it can.
     """
     if beyond := [task for task in tasks if not spec.can_act_in(task)]:
-        able = ", ".join(sorted(spec.tasks or ()))
-        raise PolicyMismatch(f"it cannot act in {', '.join(beyond)}; it can in {able}")
+        able = first_of(sorted(spec.tasks or ()), SHOWN_TASKS)
+        raise PolicyMismatch(f"it cannot act in {first_of(beyond, SHOWN_TASKS)}; it can in {able}")
 
 
 def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: ObservationSpec) -> None:

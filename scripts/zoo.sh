@@ -63,4 +63,4 @@ xargs -P 2 -L 1 bash -c 'expert "$@"' expert <<<"$EXPERTS"
 
 finished "$FOLDER/merged" ||
     "$ROBOGAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --keep-blocks 1 --rounds 2 \
-        --demonstrations "$DATA"
+        --no-weights --demonstrations "$DATA"

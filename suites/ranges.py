@@ -10,6 +10,8 @@ MAX_COUNT = 1_000_000_000
 """Largest whole number that is accepted anywhere; smaller where more makes no sense."""
 MAX_SEEDS = 10_000_000
 MAX_FIRST_SEED = 2**31 - 1
+SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
+"""Width and height (px)."""
 MAX_STEPS = 1_000_000
 """Control steps of an episode."""
 MAX_WORKERS = 10_000
@@ -31,4 +33,4 @@ Attempts = Annotated[int, Field(strict=True, ge=1, le=MAX_ATTEMPTS)]
 SeedNumber = Annotated[int, Field(strict=True, ge=1, le=MAX_SEEDS)]
 FirstSeed = Annotated[int, Field(strict=True, ge=0, le=MAX_FIRST_SEED)]
 Text = Annotated[str, Field(max_length=MAX_TEXT)]
-ImageSize = Annotated[int, Field(strict=True, ge=16, le=1024)]
+ImageSize = Annotated[int, Field(strict=True, ge=SMALLEST_IMAGE, le=LARGEST_IMAGE)]

@@ -22,7 +22,7 @@ def leaderboard(
 ) -> None:
     """Compare the policies of a suite by their newest complete runs.
 
-    Policies that share a letter do not differ significantly.
+    Policies that share a letter do not differ significantly. Tasks that only some have played do not count.
     """
     with open_history(url) as history:
         if suite not in history.suites():

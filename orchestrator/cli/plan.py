@@ -33,7 +33,7 @@ from robogauntlet.orchestrator.cli.episodes_needed import (
     print_answer,
 )
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
-from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, remaining_work
+from robogauntlet.orchestrator.runs.plan import check_same, find_suite, fitted, make_plan, remaining_work
 from robogauntlet.orchestrator.runs.suite_policies import needs_policy
 from robogauntlet.policies.references import read_options
 from robogauntlet.results.run_document import RUN_FILE, read_run
@@ -102,7 +102,8 @@ def plan(
             "episodes": planned.episodes,
             "to_play": total,
         }
-        print_json(found | needed | {"cells": rows, "skipped": planned.unavailable, "unchecked": planned.unchecked})
+        found |= needed | {"cells": rows, "skipped": planned.unavailable, "unchecked": planned.unchecked}
+        print_json(found | {"left_out": planned.left_out})
         return
     if not needed:
         table = Table(*rows[0], box=None, pad_edge=False)
@@ -115,6 +116,8 @@ def plan(
     )
     if needed:
         print_answer(needed, planned.suite.seeds.count)
+    for change in fitted(planned):
+        print_line(change)
     for name, reason in planned.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     for name, reason in planned.unchecked.items():

@@ -27,7 +27,7 @@ from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
 from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan, new_run_folder
-from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
+from robogauntlet.orchestrator.runs.plan import find_suite, fitted, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.runs.trust import require_trust
@@ -35,7 +35,6 @@ from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
 from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
 from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
-from robogauntlet.results.report.facts import left_out_tasks
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.run_history import history_url
@@ -147,8 +146,8 @@ def run(
         except NoCluster as error:
             raise BadInput(f"--address {address}: {error}") from None
     print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} into {folder}")
-    if plan.left_out:
-        fail(f"{left_out_tasks(plan.left_out)}: {', '.join(plan.left_out)}")
+    for change in fitted(plan):
+        print_line(change)
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)

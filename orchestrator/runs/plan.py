@@ -25,7 +25,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from robogauntlet.suites.schema import Suite
 from robogauntlet.suites.selection import SelectionError, SuiteSelection
-from robogauntlet.support.text import counted
+from robogauntlet.support.text import counted, first_of
 
 SHIPPED = Path(suites.__file__).parent
 WHOLE = SuiteSelection()
@@ -54,6 +54,8 @@ class Plan:
     installed, a server does not answer, or nothing was started."""
     left_out: tuple[str, ...] = ()
     """Tasks of a suite that needs a policy in which a policy that was added to it cannot act."""
+    own_image_size: int | None = None
+    """Image size (px) of the suite file, if its only policy needs another."""
     environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
     """The environment of each simulator."""
 
@@ -81,6 +83,16 @@ class Plan:
             )
             for cell in self.cells
         )
+
+
+def fitted(plan: Plan) -> Iterator[str]:
+    """Yield a line for each change to a suite that needs a policy which makes it fit the policy."""
+    if plan.left_out:
+        tasks = counted(len(plan.left_out), "task")
+        yield f"{plan.suite.name}: {tasks} left out, in which a policy cannot act: {first_of(plan.left_out)}"
+    if plan.own_image_size:
+        size = f"{plan.suite.image_size} px, which the policy needs, instead of {plan.own_image_size} px"
+        yield f"{plan.suite.name}: images of {size}"
 
 
 def find_suite(name: str) -> Path:
@@ -196,7 +208,8 @@ def make_plan(
         if not any((part.axis, cell.task) in without for part in cell.condition.perturbations)
     )
     suite_hash = NO_POLICY if not digests else UNKNOWN
-    if digests and all(source.digest for source in sources.values()):
+    is_fitted = not (fit and found.unchecked)
+    if digests and is_fitted and all(source.digest for source in sources.values()):
         suite_hash = suite.content_hash(digests, names)
     simulator_names = dict.fromkeys(cell.simulator for cell in cells)
     return Plan(
@@ -212,6 +225,7 @@ def make_plan(
         unchecked=found.unchecked,
         unsupported=unsupported,
         left_out=tuple(task for task in chosen if task not in suite.tasks),
+        own_image_size=loaded.image_size if loaded.image_size != suite.image_size else None,
         environments=environments,
     )
 
@@ -318,6 +332,8 @@ def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:
     """
     if plan.suite_hash == document.suite_hash:
         return
+    if plan.suite_hash == UNKNOWN and plan.unchecked:
+        raise PlanError(f"{folder}: its episodes are {UNKNOWN}, for which --check starts what the suite names")
     begun = {cell.policy: cell.policy_digest for cell in document.plan}
     changed = [name for name, source in plan.sources.items() if begun.get(name, source.digest) != source.digest]
     if document.suite.name != plan.suite.name:

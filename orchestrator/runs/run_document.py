@@ -45,6 +45,7 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
             "suite": plan.suite,
             "suite_text": plan.text,
             "suite_path": str(plan.path),
+            "tasks_left_out": plan.left_out,
             "workers": workers,
             "shared_workers": None,
             "provenance": _continued_provenance(plan, document, folder),

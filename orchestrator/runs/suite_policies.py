@@ -27,6 +27,7 @@ from robogauntlet.policies.hub import OnHub, without_downloads
 from robogauntlet.policies.references import FORMS, read_reference, with_options
 from robogauntlet.suites.loading import Problem, policy_lines, problem_at
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.ranges import LARGEST_IMAGE, SMALLEST_IMAGE
 from robogauntlet.suites.schema import PolicyEntry, Suite
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.errors import BadInput, UserError
@@ -195,7 +196,9 @@ def _find_without_start(
 def _fitted(suite: Suite, spec: PolicySpec) -> Suite:
     """The suite in the image size of its only policy, without the tasks in which the policy cannot act."""
     size = spec.image_size if len(suite.policies) == 1 else None
-    return of_tasks(suite.model_copy(update={"image_size": size or suite.image_size}), spec.can_act_in)
+    if size is not None and SMALLEST_IMAGE <= size <= LARGEST_IMAGE:
+        suite = suite.model_copy(update={"image_size": size})
+    return of_tasks(suite, spec.can_act_in)
 
 
 def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:

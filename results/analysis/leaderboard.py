@@ -91,9 +91,13 @@ def latest_results_per_policy(
 def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[LeaderboardRow]:
     """Rank the policies of a suite by success on clean episodes without an error, highest rate first.
 
-    `alpha` is the maximum probability that any two policies that do not differ share no letter.
+    If they have played different tasks, those that all have played count, unless there are none. `alpha` is the maximum
+    probability that any two policies that do not differ share no letter.
     """
     outcomes = [_outcomes(one.rows) for one in played]
+    tasks = [set(rows["task"]) for rows in outcomes if len(rows)]
+    if tasks and (common := set.intersection(*tasks)):
+        outcomes = [rows[rows["task"].isin(common)] for rows in outcomes]
     order = sorted((i for i, rows in enumerate(outcomes) if len(rows)), key=lambda i: -_task_mean(outcomes[i]))
     pairs = list(combinations(order, 2))
     p_values = holm([_p_value(outcomes[a], outcomes[b]) for a, b in pairs]) if pairs else ()

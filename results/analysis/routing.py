@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,6 +26,8 @@ to distinguish from the first image."""
 BINS = 15
 """Number of bins of equal width, upper edges included, for the calibration error and the reliability diagram, as in
 C. Guo et al., "On calibration of modern neural networks" (ICML 2017, arXiv 1706.04599)."""
+LARGEST_CONFUSION = 60
+"""Tasks in a matrix: a suite can have thousands."""
 SUMS_TO_ONE = 1e-3
 """Largest distance from 1 of the sum of the probabilities of an episode (scores are rounded to 1e-6)."""
 
@@ -57,7 +60,7 @@ class ScenePair:
 
 @dataclass(frozen=True, slots=True)
 class Confusion:
-    """Number of episodes by true and inferred task."""
+    """Number of episodes by true and inferred task, of `LARGEST_CONFUSION` tasks at most, the most mistaken."""
 
     true: tuple[str, ...]
     inferred: tuple[str, ...]
@@ -190,7 +193,11 @@ def plain_task(task: str) -> str:
 def _confusion(routed: pd.DataFrame, scored: set[str]) -> Confusion:
     true, inferred = routed["task"].astype(str), routed["inferred_task"].astype(str)
     counts = routed.groupby([true, inferred]).size()
-    tasks, chosen = list(dict.fromkeys(true)), set(inferred)
+    tasks = list(dict.fromkeys(true))
+    if len(tasks) > LARGEST_CONFUSION:
+        wrong = Counter(true[true != inferred])
+        tasks = sorted(tasks, key=lambda task: -wrong[task])[:LARGEST_CONFUSION]
+    chosen = set(inferred[true.isin(tasks)])
     # A task that is unknown to the router is never inferred and needs no column; a known one has one even if empty.
     columns = [task for task in tasks if task in chosen or task in scored or not scored]
     columns += sorted(chosen - set(tasks))

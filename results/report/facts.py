@@ -13,7 +13,7 @@ from robogauntlet.results.report import formatting
 from robogauntlet.results.report.failures import PHRASES
 from robogauntlet.results.run_document import RunDocument, RunStatus
 from robogauntlet.suites.episode import SUCCESS_HOLD, ProtocolName
-from robogauntlet.support.text import counted
+from robogauntlet.support.text import counted, first_of
 
 DEFINITIONS = {
     "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps (under the protocol "
@@ -183,7 +183,8 @@ def provenance(document: RunDocument) -> list[tuple[str, str]]:
         ("run", document.run_id),
         ("suite", f"{document.suite.name} ({document.suite_path})"),
         ("protocol", PROTOCOLS[document.suite.protocol]),
-        *([("tasks left out", ", ".join(document.tasks_left_out))] if document.tasks_left_out else []),
+        *([("tasks left out", first_of(document.tasks_left_out))] if document.tasks_left_out else []),
+        ("images", f"{document.suite.image_size} px, {document.suite.render_profile}"),
         ("suite hash", document.suite_hash),
         ("rows hash", document.rows_hash or "not computed"),
         *((f"policy {name}", digest) for name, digest in {c.policy: c.policy_digest for c in document.plan}.items()),

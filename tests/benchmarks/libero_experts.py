@@ -30,6 +30,7 @@ TITLES = {
     ("oracle", "clean"): "oracle",
     ("experts", "clean"): "experts",
     ("replay", "clean"): "one demonstration, open loop",
+    ("random-base", "clean"): "expert on a base of random weights",
     ("experts", "blind"): "experts, black images",
     ("experts", "blank-instruction"): "experts, no instruction",
     ("experts", "wrong-goal"): "experts, another task's instruction",
@@ -41,7 +42,7 @@ COLUMNS = {"policy": "{title}", **{title: f"{{{title}}}" for title in SUITES.val
 def measure() -> list[dict[str, object]]:
     """A row for each policy and control; writes the episodes beside the rows."""
     folder = folder_of_experts()
-    frame = pd.concat([*played_experts(folder), *played_baselines(folder)])
+    frame = pd.concat([*played_experts(folder), *played_baselines(folder), played_control(folder)])
     write_episodes("libero_experts", frame, ("policy", "axis", "task", "seed"))
     rows = rows_of(frame)
     table_of(rows, COLUMNS)
@@ -64,6 +65,12 @@ def played_baselines(folder: Path) -> Iterator[pd.DataFrame]:
         replay = {"kind": "replay", "options": {"demonstrations": str(folder / "replays" / suite)}}
         policies: dict[str, dict[str, Any]] = {"oracle": {"kind": "oracle"}, "replay": replay}
         yield play_policies(folder, f"baselines-{suite}", policies, tasks_of(suite), STATES, EPISODE)
+
+
+def played_control(folder: Path) -> pd.DataFrame:
+    """Play Goal's expert on a base of random weights: a row per episode."""
+    control = {"random-base": {"kind": "mergevla", "options": {"checkpoint": str(folder / "random" / "libero-goal")}}}
+    return play_policies(folder, "random-base", control, tasks_of("goal"), STATES, EPISODE)
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:

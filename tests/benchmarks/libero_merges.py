@@ -1,20 +1,19 @@
 """MergeVLA's Table 1 at a small size: the four experts of LIBERO merged, on the stored states, the paper's rows beside.
 
-`LIBERO=FOLDER python -m tests.benchmarks libero_merges` (default `runs/libero`) merges and plays the experts of
-`scripts/libero.sh`. What is finished in the folder is kept, so that the same command continues.
+`LIBERO=FOLDER python -m tests.benchmarks libero_merges` (default `runs/libero`) merges and plays the zoo's experts.
+What is finished in the folder is kept, so that the same command continues.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from tests.benchmarks.document import write_episodes
+from tests.benchmarks.libero_experts import EXPERTS as ZOO
 from tests.benchmarks.libero_experts import (
     STATES,
     SUITES,
@@ -26,8 +25,9 @@ from tests.benchmarks.libero_experts import (
 )
 from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import merged_policy, play_policies, table_of
-from tests.processes import run_gauntlet
 
+MERGED = "zoo:libero-merged"
+"""Two bits of magnitudes, and the routers of all ways."""
 EXPERTS = "experts"
 WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "none-4": ("four bits each, not merged", {"operator": "none", "masks": "none", "options": {"bits": 4}}),
@@ -68,13 +68,12 @@ COLUMNS = {
 def measure() -> list[dict[str, object]]:
     """A row for each way of merging and router; writes the episodes beside the rows."""
     folder = folder_of_experts()
-    tasks = [task for suite in SUITES for task in tasks_of(folder, suite)]
-    routers = with_routers(folder)
+    tasks = [task for suite in SUITES for task in tasks_of(suite)]
     policies = {}
     for way, (_, recipe) in WAYS.items():
-        policies[way] = merged_policy(routers, recipe=recipe, experts=str(folder / "experts"))
+        policies[way] = merged_policy(MERGED, recipe=recipe, experts=ZOO)
     for name, (_, options) in ROUTED.items():
-        policies[name] = merged_policy(routers, "calibrated", **options)
+        policies[name] = merged_policy(MERGED, "calibrated", **options)
     frames = [clean[clean.axis == "clean"] for clean in played_experts(folder)]
     frames += [play_policies(folder, name, {name: policy}, tasks, STATES, EPISODE) for name, policy in policies.items()]
     frame = pd.concat(frames)
@@ -116,15 +115,3 @@ def _routed(episodes: pd.DataFrame) -> str:
     """The share of episodes in which the expert of the suite was chosen, suite by suite."""
     right = (episodes.inferred_task == episodes.task).groupby(episodes.task.map(suite_of)).mean()
     return " / ".join(f"{100 * right[suite]:.0f}" for suite in SUITES) + " %"
-
-
-def with_routers(folder: Path) -> Path:
-    """The merge by two bits of magnitudes, with routers fitted to the demonstrations; made unless it is there."""
-    out = folder / "merges" / "magnitude-2"
-    if not out.exists():
-        experts = dict.fromkeys(expert_folders(folder / "experts").values())
-        shown = [word for suite in SUITES for word in ("--demonstrations", folder / "demonstrations" / suite)]
-        arguments = [*experts, "--out", out, "--operator", "magnitude", "--rounds", "2", *shown]
-        merge = run_gauntlet("policies", "merge", *arguments, timeout=3600)
-        assert merge.returncode == 0, merge.stderr
-    return out

@@ -120,7 +120,7 @@ def play_policies(
     return open_run(run).episodes(columns)
 
 
-def merged_policy(folder: Path, router: str = "oracle", **options: object) -> dict[str, Any]:
+def merged_policy(folder: Path | str, router: str = "oracle", **options: object) -> dict[str, Any]:
     """Kind and options of a merged policy for a suite."""
     return {"kind": "mergevla-merged", "options": {"checkpoint": str(folder), "router": router, **options}}
 

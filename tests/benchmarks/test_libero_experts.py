@@ -2,7 +2,8 @@
 
 import pandas as pd
 
-from tests.benchmarks import libero_experts, libero_merges
+from robogauntlet.adapters.libero_plus.variants import PlusAxis, variants
+from tests.benchmarks import libero_experts, libero_merges, libero_plus
 
 TASKS = {suite: f"libero/{suite}-0-a-task" for suite in libero_experts.SUITES}
 
@@ -32,3 +33,33 @@ def test_a_merge_is_compared_with_the_experts_where_both_have_an_outcome():
     rows = libero_merges.rows_of(frame(experts=["success", "error", "success"], **merges))
     kept = {row["policy"]: row["kept"] for row in rows}
     assert kept == {"experts": "", "none-4": "100 %"}
+
+
+def test_variants_are_evenly_spaced_among_those_that_liberos_assets_show():
+    own = "libero/goal-7-turn-on-stove"
+    chosen = libero_plus.sampled(PlusAxis.LAYOUT, [own], 2)
+    shown = [one for one in variants() if one.task.startswith("layout-goal-7-") and "add" not in one.task]
+    assert [shown.index(one) for one in chosen] == [len(shown) // 4, 3 * len(shown) // 4]
+
+
+def test_an_axis_of_liberoplus_has_the_experts_their_merge_and_its_decisions():
+    def episode(policy, axis, task, status, inferred=None):
+        return {"policy": policy, "axis": axis, "task": task, "seed": 0, "status": status, "inferred_task": inferred}
+
+    one, other = "libero-plus/robot-goal-7-448", "libero-plus/robot-goal-7-458"
+    frame = pd.DataFrame(
+        [
+            *(episode("experts", "clean", task, "success") for task in (one, other)),
+            *(episode("experts", libero_plus.NAMED, task, "failure") for task in (one, other)),
+            *(episode("none-4", "clean", task, "failure") for task in (one, other)),
+            episode("magnitude-2-routed", "clean", one, "success", one),
+            episode("magnitude-2-routed", "clean", other, "failure", "libero-object"),
+        ]
+    )
+    robot, every = libero_plus.rows_of(frame)
+    assert (robot["plus_axis"], every["plus_axis"]) == ("robot", "all")
+    assert robot["experts"].startswith("100 %")
+    assert robot["named"].startswith("0 %")
+    assert every["named"] == ""
+    assert robot["routed"] == "50 %"
+    assert robot["kept"].startswith("50 %")

@@ -26,21 +26,30 @@ DIGESTS = {
     "experts/robosuite__Lift": "52508a0304ffef27",
     "experts/robosuite__Stack": "d2f49d3c42d24cc4",
     "merged": "997132f947201619",
+    "libero-experts/libero-spatial": "bd9355ebb9872cb5",
+    "libero-experts/libero-object": "397fead5ff324044",
+    "libero-experts/libero-goal": "08e88465ac3557ae",
+    "libero-experts/libero-10": "LONG",
+    "libero-merged": "MERGED",
 }
 """Part of the zoo to its digest, which is in the id of every episode that was played with it."""
+
+
+MERGED_OF = {"merged": "experts", "libero-merged": "libero-experts"}
+"""Merged model to the folder of its experts."""
 
 
 def test_the_digests_are_those_of_the_stored_runs():
     parts = {path.parent.relative_to(zoo_folder()).as_posix() for path in zoo_folder().rglob("card.json")}
     assert parts == DIGESTS.keys()
     for part, digest in DIGESTS.items():
-        assert (merged_digest_of if part == "merged" else digest_of)(f"zoo:{part}") == digest
+        assert (merged_digest_of if part in MERGED_OF else digest_of)(f"zoo:{part}") == digest
 
 
 @pytest.mark.parametrize("part", DIGESTS)
 def test_metadata_are_written_as_they_were_read(part):
     plain = json.loads((zoo_folder() / part / "card.json").read_text())
-    assert (MergedMetadata if part == "merged" else CheckpointMetadata).from_json(plain).as_json() == plain
+    assert (MergedMetadata if part in MERGED_OF else CheckpointMetadata).from_json(plain).as_json() == plain
 
 
 def test_digests_of_policies_with_a_recipe_are_those_of_the_stored_runs():
@@ -62,15 +71,22 @@ def test_there_is_an_expert_for_each_task_and_all_are_verified_by_hash():
     digest_of(str(shipped("zoo:base")))
 
 
-def test_the_merged_model_has_these_experts_and_fitted_routers():
-    metadata = MergedMetadata.verified(shipped("zoo:merged"))
-    folders = expert_folders(shipped("zoo:experts"))
-    assert metadata.expert_digests == {task: digest_of(str(folder)) for task, folder in folders.items()}
+@pytest.mark.parametrize("part", MERGED_OF)
+def test_a_merged_model_has_these_experts_and_fitted_routers(part):
+    metadata = MergedMetadata.verified(shipped(f"zoo:{part}"))
+    folders = dict.fromkeys(expert_folders(shipped(f"zoo:{MERGED_OF[part]}")).values())
+    assert metadata.expert_digests == {CheckpointMetadata.read(f).expert: digest_of(str(f)) for f in folders}
     assert set(metadata.routers) >= {"calibrated", "nearest-centroid"}
-    assert merged_digest_of("zoo:merged")
 
 
-@pytest.mark.parametrize("folder", ["base", "merged"])
-def test_only_safetensors_and_json_are_shipped(folder):
-    kinds = {path.suffix for path in shipped(f"zoo:{folder}").rglob("*") if path.is_file()}
-    assert kinds == {".safetensors", ".json"}
+def test_an_expert_of_liberos_suites_has_six_tasks_of_its_own():
+    folders = expert_folders(shipped("zoo:libero-experts"))
+    for suite in ("spatial", "object", "goal", "10"):
+        tasks = [task for task in folders if task.startswith(f"libero/{suite}-")]
+        assert len(tasks) == 6
+        assert {folders[task].name for task in tasks} == {f"libero-{suite}"}
+
+
+def test_only_safetensors_and_json_are_shipped():
+    kinds = {path.suffix for folder in zoo_folder().iterdir() if folder.is_dir() for path in folder.rglob("*.*")}
+    assert kinds - {".pyc"} == {".safetensors", ".json"}

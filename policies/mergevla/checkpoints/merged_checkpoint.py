@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -50,6 +51,8 @@ TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, COPY, SUBSPACE, ROUTER = SECTI
     "router",
 )
 """First parts of the tensors' names. An expert's tensors have its number next; the metadata names the experts."""
+Subspaces = tuple[Tensor, Tensor]
+"""Of an expert, see `MergedWeights.subspaces`."""
 BESIDE_WEIGHTS = (SUBSPACE, ROUTER)
 """Those that are stored even without the merged weights."""
 
@@ -134,20 +137,33 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     if unknown := sorted(set(map(_section_of, tensors)) - set(BESIDE_WEIGHTS if metadata.checkpoints else SECTIONS)):
         raise CheckpointError(f"'{folder}': expected the tensors of a merged model, got {unknown[0]}")
     fitted = _section(tensors, ROUTER)
-    if metadata.checkpoints:
-        return MergedCheckpoint(metadata, fitted, partial(_merged_anew, folder, metadata, tensors))
-    try:
-        parts = _parts(metadata, tensors, base)
-    except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
-        raise type(error)(f"'{folder}': {error}") from None
+    with _placed(folder):
+        subspaces = {expert: _subspaces(tensors, str(number)) for number, expert in enumerate(metadata.experts)}
+        if metadata.checkpoints:
+            return MergedCheckpoint(metadata, fitted, partial(_merged_anew, folder, metadata, subspaces))
+        parts = _parts(metadata, tensors, subspaces, base)
     return MergedCheckpoint(metadata, fitted, lambda: parts)
 
 
-def _merged_anew(folder: Path, metadata: MergedMetadata, tensors: Weights) -> MergedWeights:
-    experts = read_experts(metadata.expert_folder(folder, expert) for expert in metadata.experts)
+def _merged_anew(folder: Path, metadata: MergedMetadata, subspaces: Mapping[str, Subspaces]) -> MergedWeights:
+    with _placed(folder):
+        experts = read_experts(metadata.expert_folder(folder, expert) for expert in metadata.experts)
+        made = merge_parts(experts, metadata.recipe, metadata.instructions)
+        for name in ("tasks", "statistics", "action_steps"):
+            if getattr(made, name) != getattr(metadata, name):
+                raise ExpertsDiffer(f"expected the {name.replace('_', ' ')} of its experts, got others in the metadata")
     # The last bits of singular vectors differ from processor to processor, so that they are stored.
-    subspaces = {expert: _subspaces(tensors, str(number)) for number, expert in enumerate(metadata.experts)}
-    return replace(merge_parts(experts, metadata.recipe, metadata.instructions), subspaces=subspaces)
+    return replace(made, subspaces=subspaces)
+
+
+@contextmanager
+def _placed(folder: Path) -> Iterator[None]:
+    """Name the checkpoint in errors about its content."""
+    try:
+        yield
+    except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
+        place = "" if str(error).startswith(f"'{folder}': ") else f"'{folder}': "
+        raise type(error)(f"{place}{error}") from None
 
 
 def tensors_of_parts(parts: MergedWeights) -> dict[str, Tensor]:
@@ -202,7 +218,9 @@ def _merged(metadata: MergedMetadata, recipe: Recipe, tensors: Weights) -> Merge
     return MergedTaskVectors(metadata.experts, recipe, vector, masks, metadata.rescalers, row_scales, residual)
 
 
-def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedWeights:
+def _parts(
+    metadata: MergedMetadata, tensors: Weights, subspaces: Mapping[str, Subspaces], base: Weights
+) -> MergedWeights:
     numbered = {expert: str(number) for number, expert in enumerate(metadata.experts)}
     recipe = metadata.recipe
     merged = _merged(metadata, recipe, tensors)
@@ -228,7 +246,7 @@ def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedW
         trunk=_section(tensors, TRUNK),
         adapters=adapters,
         heads=heads,
-        subspaces={expert: _subspaces(tensors, n) for expert, n in numbered.items()},
+        subspaces=subspaces,
         expert_digests=metadata.expert_digests,
         copies=copies,
         action_steps=metadata.action_steps,
@@ -250,7 +268,7 @@ def _adapters(tensors: Weights, number: str, base: Weights) -> dict[str, Factors
     return adapters
 
 
-def _subspaces(tensors: Weights, number: str) -> tuple[Tensor, Tensor]:
+def _subspaces(tensors: Weights, number: str) -> Subspaces:
     section = _section(tensors, f"{SUBSPACE}/{number}")
     if section.keys() != {"v_adapter", "v_task"}:
         raise CheckpointError(f"expected the value projections of expert {number}, got {', '.join(section) or 'none'}")

@@ -66,6 +66,8 @@ class MergedMetadata(StoredMetadata):
     """`hash_tensors` of the weights' file; filled in when the checkpoint is saved."""
 
     def __post_init__(self) -> None:
+        if bool(self.checkpoints) != bool(self.merged_hash):
+            raise CheckpointError("expected checkpoints and merged_hash together in the metadata, got one of them")
         if odd := sorted(set(self.tasks_of_several) - set(self.experts)):
             raise CheckpointError(f"expected tasks of the merged experts, got some of {odd[0]}")
         tasks = [task for tasks in self.tasks.values() for task in tasks]

@@ -18,7 +18,7 @@ from pydantic import StrictInt
 from pydantic.dataclasses import dataclass
 
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.hub import check_download
+from robogauntlet.policies.hub import OnHub, check_download
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.stored import STRICT, Stored, StoredError
@@ -221,6 +221,8 @@ def base_folder(folder: Path, base: str, what: str = "base") -> Path:
         return locate(str(beside) if beside.is_dir() else base)
     except OSError as error:
         raise CheckpointError(f"'{folder}': expected its {what} at '{shown}': {error.strerror}") from None
+    except OnHub:
+        raise
     except PolicyError as error:
         raise CheckpointError(f"'{folder}': expected its {what} at '{shown}': {error}") from None
 

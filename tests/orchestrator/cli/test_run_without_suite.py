@@ -115,6 +115,22 @@ def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folde
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
+def test_tasks_in_which_the_policy_cannot_act_are_left_out_and_the_report_says_so(run_command, folder):
+    (folder / "free.yaml").write_text(FREE.replace("[null/Reach]", '[null/Reach, "libero/goal-0-*"]'))
+    line = ("run", "free.yaml", "--policy", "oracle", "--out", "run", "--no-media")
+    begun = run_command(*line, "--task", "null/*")
+    assert "left out" not in begun.out + begun.err
+    assert read_run(folder / "run").tasks_left_out == ()
+    continued = run_command(*line)
+    name = "libero/goal-0-open-middle-drawer-cabinet"
+    assert f"s: 1 task left out, in which a policy cannot act: {name}" in continued.out
+    assert read_run(folder / "run").tasks_left_out == (name,)
+    assert "1 task of the suite left out" in (folder / "run" / "report.md").read_text()
+    assert name in (folder / "run" / "report.html").read_text()
+
+
+@pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
 def test_a_suite_with_another_policy_is_a_run_without_the_roles_of_its_own(run_command, folder, own):
     done = run_command("run", "s.yaml", *own, "--option", "files=[s.yaml]", *TASK, "--out", "run", "--no-media")
     assert done.code == 0, done.err

@@ -3,7 +3,10 @@
 import pytest
 
 from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.runs import suite_policies
 from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan, why_impossible, why_unadjusted
+from robogauntlet.orchestrator.runs.plan import fitted as fitted_lines
+from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
@@ -155,6 +158,23 @@ def test_several_policies_play_the_tasks_in_which_all_can_act_in_the_images_of_t
     assert fitted(suite_file, "zero", "replay") == (everything[1:], everything[:1], {224})
     with pytest.raises(SuiteError, match="the policy was made for 96 px images, the suite renders 224 px"):
         fitted(suite_file, "zero", "zoo:experts")
+
+
+def test_what_is_changed_to_fit_a_policy_is_a_line_each(suite_file):
+    suite = suite_file(NEEDS + "seeds: {count: 2}\nimage_size: 224\n")
+    assert list(fitted_lines(make_plan(suite, part=SuiteSelection(("zoo:experts",))))) == [
+        "s: 1 task left out, in which a policy cannot act: null/Reach",
+        "s: images of 96 px, which the policy needs, instead of 224 px",
+    ]
+    assert list(fitted_lines(make_plan(suite, part=SuiteSelection(("zero",))))) == []
+
+
+@pytest.mark.parametrize("size", [15, 1025])
+def test_an_image_size_that_no_suite_can_have_is_refused(suite_file, monkeypatch, size):
+    spec = PolicySpec(PolicyInput.OBSERVATION, 1, image_size=size)
+    monkeypatch.setattr(suite_policies.policies, "spec", lambda kind, options: spec)
+    with pytest.raises(SuiteError, match=f"the policy was made for {size} px images, the suite renders 224 px"):
+        fitted(suite_file, "zoo:merged")
 
 
 def test_a_policy_that_can_act_in_no_task_of_a_suite_is_refused(suite_file):

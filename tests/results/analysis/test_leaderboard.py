@@ -63,6 +63,14 @@ def test_policies_without_an_episode_in_common_are_not_separated():
     assert [one.letters for one in found] == ["a", "a"]
 
 
+def test_only_tasks_that_all_have_played_count():
+    hard = played("both", ["failure"] * 30, ("null/Hard",)).rows
+    easy = played("both", ["success"] * 30, ("null/Easy",)).rows
+    both = PolicyEpisodes("both", "both", "run", 0.0, pd.concat([hard, easy]))
+    found = leaderboard([both, played("one", ["success"] * 30, ("null/Easy",))])
+    assert {(one.rate, one.verdicts, one.letters) for one in found} == {(1.0, 30, "a")}
+
+
 def test_without_rates_the_leaderboard_is_empty():
     assert leaderboard([]) == []
     assert leaderboard([played("none", ["error"] * 3)]) == []

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robogauntlet.results.analysis import routing
 from robogauntlet.results.analysis.merging_cost import COLUMNS
 from robogauntlet.results.analysis.routing import calibration, detection, router_of
 from robogauntlet.results.statistics.rates import wilson_interval
@@ -46,6 +47,14 @@ def test_tasks_that_share_a_scene_are_shown_apart():
     router = router_of(frame((PANDA, PICK), (PICK, PICK), (PANDA, LIFT), (PUSH, PUSH), (LIFT, LIFT)))
     (pair,) = router.scene_pairs
     assert (pair.tasks, pair.accuracy.successes, pair.accuracy.trials, pair.mistaken) == ((PANDA, PICK), 1, 3, 1)
+
+
+def test_a_confusion_of_many_tasks_has_the_most_mistaken(monkeypatch):
+    monkeypatch.setattr(routing, "LARGEST_CONFUSION", 2)
+    right = [(task, task) for task in TASKS]
+    confusion = router_of(frame(*right, (PICK, PUSH), (LIFT, PULL), (LIFT, PUSH))).confusion
+    assert confusion.true == (LIFT, PICK)
+    assert dict(zip(confusion.inferred, confusion.counts[0], strict=True)) == {LIFT: 1, PICK: 0, PUSH: 1, PULL: 1}
 
 
 def test_the_confusion_has_a_line_per_true_and_a_column_per_inferred_task():

@@ -136,6 +136,23 @@ def test_merged_weights_beside_references_to_experts_are_refused(without_weights
     refused(without_weights, "expected the tensors of a merged model, got tau")
 
 
+def test_a_merged_model_without_an_experts_value_projections_is_refused_before_it_is_merged(without_weights):
+    change(without_weights, lambda tensors: [tensors.pop(name) for name in sorted(tensors) if "subspace/1/" in name])
+    refused(without_weights, f"'{without_weights}': expected the value projections of expert 1")
+
+
+@pytest.mark.parametrize("changes", [{"checkpoints": {}}, {"merged_hash": ""}])
+def test_references_without_the_hash_of_the_merged_weights_are_refused(without_weights, changes):
+    rewrite(without_weights, **changes)
+    refused(without_weights, "expected checkpoints and merged_hash together")
+
+
+def test_metadata_that_are_not_those_of_the_experts_are_refused_when_they_are_merged(without_weights):
+    rewrite(without_weights, action_steps={"null/Slow": 2})
+    with one_line_error(PolicyError, f"'{without_weights}': expected the action steps of its experts"):
+        assert load_merged(without_weights).parts
+
+
 def test_references_to_some_of_the_experts_are_refused(without_weights):
     rewrite(without_weights, checkpoints={"null/Slow": "../experts/null-Slow"})
     refused(without_weights, "expected statistics and the checkpoint of each merged expert")
