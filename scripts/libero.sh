@@ -3,7 +3,7 @@
 # first that oracles solve in at least 45 of their 50 stored states, and an expert; then the four merged, and a control.
 # Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
 # `LIBERO=FOLDER python -m tests.benchmarks libero_experts` and `libero_merges` play what the zoo has of it.
-# Usage: scripts/libero.sh [FOLDER] [SUITE...]   (default runs/libero and all four). Takes about three hours on two cores, after
+# Usage: scripts/libero.sh [FOLDER] [SUITE...]   (default runs/libero and all four). Takes about two hours on two cores, after
 # `robogauntlet env create libero`.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
@@ -25,8 +25,7 @@ tasks_of() {
 
 # `demonstrations` and `experts` of a suite, and `replays`: an episode of each task without noise, to be played open loop.
 expert() {
-    local number out="$FOLDER/experts/libero-$1" steps=6000
-    [ "$1" != 10 ] || steps=15000 # its tasks are twice as long
+    local number out="$FOLDER/experts/libero-$1"
     # One task after the other, since one process at a time records into a folder.
     for number in $(tasks_of "$1"); do
         "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$FOLDER/demonstrations/$1" \
@@ -34,7 +33,7 @@ expert() {
         "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$FOLDER/replays/$1" --episodes 1 --noise 0 \
             --render-profile fast-2 --workers 1
     done
-    [ -e "$out/card.json" ] || finetune "$FOLDER/demonstrations/$1" zoo:base "$out" "$steps"
+    [ -e "$out/card.json" ] || finetune "$FOLDER/demonstrations/$1" zoo:base "$out"
 }
 
 # Control: Goal's expert on a base with random weights. The base's one step is too small to change them.
@@ -42,11 +41,11 @@ control() {
     local data="$FOLDER/demonstrations/goal" out="$FOLDER/random"
     [ -e "$out/base/card.json" ] ||
         "$ROBOGAUNTLET" policies pretrain "$data" --out "$out/base" --steps 1 --learning-rate 1e-9
-    [ -e "$out/libero-goal/card.json" ] || finetune "$data" "$out/base" "$out/libero-goal" 6000
+    [ -e "$out/libero-goal/card.json" ] || finetune "$data" "$out/base" "$out/libero-goal"
 }
 
 finetune() {
-    "$ROBOGAUNTLET" policies finetune "$1" --base "$2" --out "$3" --steps "$(few "$4")" --learning-rate 1e-3 --shift 2 \
+    "$ROBOGAUNTLET" policies finetune "$1" --base "$2" --out "$3" --steps "$(few 6000)" --learning-rate 1e-3 --shift 2 \
         --action-steps 4 --adapt-convolutions --bfloat16
 }
 export -f expert finetune tasks_of

@@ -29,8 +29,8 @@ DIGESTS = {
     "libero-experts/libero-spatial": "bd9355ebb9872cb5",
     "libero-experts/libero-object": "397fead5ff324044",
     "libero-experts/libero-goal": "08e88465ac3557ae",
-    "libero-experts/libero-10": "LONG",
-    "libero-merged": "MERGED",
+    "libero-experts/libero-10": "349b7fe98543d62c",
+    "libero-merged": "f5112dc8af64cfbe",
 }
 """Part of the zoo to its digest, which is in the id of every episode that was played with it."""
 
