@@ -11,12 +11,14 @@ import torch
 from safetensors.torch import load_file
 
 from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.hub import OnHub, without_downloads
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.metadata import (
     METADATA_FILE,
     WEIGHTS,
     CheckpointError,
     CheckpointMetadata,
+    base_folder,
     digest_of,
     hash_tensors,
     locate,
@@ -247,6 +249,12 @@ def test_a_hub_id_is_fetched_by_its_revision_with_weights_and_metadata_only(save
     monkeypatch.setattr("huggingface_hub.snapshot_download", fetch)
     assert locate("owner/name@v1") == saved
     assert asked == {"name": "owner/name", "revision": "v1", "allow_patterns": [WEIGHTS, METADATA_FILE]}
+
+
+@pytest.mark.parametrize("what", ["base", "expert null/Reach"])
+def test_what_a_checkpoint_refers_to_on_the_hub_is_known_to_be_there_where_nothing_is_downloaded(saved, what):
+    with without_downloads(), pytest.raises(OnHub, match="'owner/name@v1' would be downloaded from the hub"):
+        base_folder(saved, "owner/name@v1", what)
 
 
 def test_an_unreachable_hub_is_one_line(monkeypatch):
