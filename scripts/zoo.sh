@@ -61,6 +61,11 @@ export -f expert train
 export FOLDER DATA ROBOGAUNTLET CORRECTED
 xargs -P 2 -L 1 bash -c 'expert "$@"' expert <<<"$EXPERTS"
 
-finished "$FOLDER/merged" ||
-    "$ROBOGAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --keep-blocks 1 --rounds 2 \
-        --no-weights --demonstrations "$DATA"
+merge() {
+    local out="$FOLDER/$1"
+    shift
+    finished "$out" ||
+        "$ROBOGAUNTLET" policies merge "$FOLDER/experts" --out "$out" --no-weights --demonstrations "$DATA" "$@"
+}
+merge merged --operator magnitude --keep-blocks 1 --rounds 2
+merge unmerged-int4 --operator none --masks none --bits 4

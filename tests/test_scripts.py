@@ -58,7 +58,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("script", "verbs"),
     [
-        ("zoo.sh", 23),
+        ("zoo.sh", 24),
         ("training_controls.sh", 298),
         ("varied_experts.sh", 5),
         ("arms.sh", 14),

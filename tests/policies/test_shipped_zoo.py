@@ -26,6 +26,7 @@ DIGESTS = {
     "experts/robosuite__Lift": "52508a0304ffef27",
     "experts/robosuite__Stack": "d2f49d3c42d24cc4",
     "merged": "997132f947201619",
+    "unmerged-int4": "8d7df57709780cb3",
     "libero-experts/libero-spatial": "bd9355ebb9872cb5",
     "libero-experts/libero-object": "397fead5ff324044",
     "libero-experts/libero-goal": "08e88465ac3557ae",
@@ -35,7 +36,7 @@ DIGESTS = {
 """Part of the zoo to its digest, which is in the id of every episode that was played with it."""
 
 
-MERGED_OF = {"merged": "experts", "libero-merged": "libero-experts"}
+MERGED_OF = {"merged": "experts", "unmerged-int4": "experts", "libero-merged": "libero-experts"}
 """Merged model to the folder of its experts."""
 
 
