@@ -131,9 +131,11 @@ def test_what_the_page_of_libero_says_of_experts_is_in_the_rows():
         f"open loop, solves {replay['all']}**: {replay['Object']} in Object and {replay['Goal']} in Goal",
         f"In Long it is {replay['Long']}, in Spatial {replay['Spatial']}",
         f"without any, {blank['Goal']} do",
+        f"Goal's expert has the same {rate['random-base', 'clean']['Goal']}",
         f"{blank['Object'].removesuffix(' %')} and {blank['Spatial']} succeed without an instruction",
     ):
         assert said in (ROOT / "docs/libero.md").read_text(encoding="utf-8")
+    assert rate["random-base", "clean"]["Goal"] == experts["Goal"]
     assert {experts[suite] for suite in ("Spatial", "Object", "Goal")} == {"97 %", "100 %"}
     frame = pd.read_parquet(MEASUREMENTS / "libero_experts.parquet")
     assert set(frame.seed) == set(range(10))
