@@ -97,7 +97,7 @@ def _row(axis: str, frame: pd.DataFrame) -> dict[str, object]:
     kept = paired_ratio([Pairs.from_outcomes(*both.to_numpy().T)], np.random.default_rng(0))
     return {
         "plus_axis": axis,
-        **{policy: _rate(told[policy].dropna()) for policy in POLICIES},
+        **{policy: _rate(told[policy].dropna()) if policy in told else "" for policy in POLICIES},
         "kept": "" if kept is None else percent(kept.value, kept.interval),
         "routed": f"{100 * (routed.inferred_task == routed.task).mean():.0f} %",
         "named": "" if axis == "all" else _rate(named),  # it has no episodes of `language`

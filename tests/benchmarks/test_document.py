@@ -12,6 +12,7 @@ from tests.benchmarks import (
     libero_experts,
     libero_merges,
     libero_oracles,
+    libero_plus,
     more_experts,
     more_experts_routing,
     oracles,
@@ -109,7 +110,7 @@ def test_what_the_page_of_libero_says_of_fast_2_is_in_the_rows():
 
 
 def test_the_tables_of_libero_s_experts_and_merges_count_the_committed_episodes():
-    for benchmark in (libero_experts, libero_merges):
+    for benchmark in (libero_experts, libero_merges, libero_plus):
         name = benchmark.__name__.rpartition(".")[2]
         rows = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))["rows"]
         assert benchmark.rows_of(pd.read_parquet(MEASUREMENTS / f"{name}.parquet")) == rows
@@ -153,13 +154,35 @@ def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
 
     routed = [name for name in by_policy if name in libero_merges.ROUTED]
     assert {by_policy[name]["routed"] for name in routed} == {"100 / 100 / 100 / 100 %"}
-    few = ("none-4", "magnitude-2-routed")
-    assert f"keep {rate(few[0], 'kept')} of the experts' success" in page
-    assert rate(few[0], "kept") == rate(few[1], "kept")
-    assert f"{rate(few[0], 'Long').removesuffix(' %')} and {rate(few[1], 'Long')} instead of" in page
-    assert f"TA+S has {rate('ta-s-averaged-trunk')}, TIES+S {rate('ties-s-averaged-trunk')}, where" in page
-    assert f"TA+S has {rate('ta-s')}, TIES+S as published {rate('ties-published-s')}" in page
-    assert f"TA has {rate('ta')}." in page
+    two, four = "magnitude-2-routed", "none-4"
+    assert f"keep {rate(two, 'kept')} of the experts' success, four bits each {rate(four, 'kept')}" in page
+    long = [rate(policy, "Long") for policy in (two, four, "experts")]
+    assert f"in Long: {long[0].removesuffix(' %')} and {long[1]} instead of {long[2]}" in page
+    assert f"TA+S has {rate('ta-s')} with task vectors in the trunk" in page
+
+
+def test_what_the_page_of_liberoplus_says_of_experts_is_in_the_rows():
+    rows = {
+        row["plus_axis"]: {name: str(text).partition(" [")[0] for name, text in row.items()}
+        for row in json.loads((MEASUREMENTS / "libero_plus.json").read_text(encoding="utf-8"))["rows"]
+    }
+    own = json.loads((MEASUREMENTS / "libero_experts.json").read_text(encoding="utf-8"))["rows"]
+    (clean,) = (row["all"].partition(" [")[0] for row in own if (row["policy"], row["axis"]) == ("experts", "clean"))
+    every = rows.pop("all")
+    found = {axis: int(row["experts"].split()[0]) for axis, row in rows.items()}
+    named = {axis: int(row["named"].split()[0]) for axis, row in rows.items() if row["named"]}
+    same = [found[axis] for axis in named]
+    page = (ROOT / "docs/libero-plus.md").read_text(encoding="utf-8")
+    for said in (
+        f"falls from {clean} in LIBERO itself to {every['experts']}**",
+        f"other starts of the arm and other words ({found['robot']} %), least with noise ({found['noise']} %)",
+        f"keep {every['kept']} [",
+        f"in {every['routed']} of the episodes",
+        f"{min(named.values())} to {max(named.values())} % instead of {min(same)} to {max(same)} % in the same",
+    ):
+        assert said in page
+    assert found["robot"] == found["language"] == min(found.values())
+    assert found["noise"] == max(found.values())
 
 
 def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
