@@ -51,7 +51,6 @@ def test_an_axis_of_liberoplus_has_the_experts_their_merge_and_its_decisions():
         [
             *(episode("experts", "clean", task, "success") for task in (one, other)),
             *(episode("experts", libero_plus.NAMED, task, "failure") for task in (one, other)),
-            *(episode("none-4", "clean", task, "failure") for task in (one, other)),
             episode("magnitude-2-routed", "clean", one, "success", one),
             episode("magnitude-2-routed", "clean", other, "failure", "libero-object"),
         ]
