@@ -144,6 +144,17 @@ def test_what_the_page_of_libero_says_of_experts_is_in_the_rows():
     assert frame[frame.axis == "wrong-goal"].status.value_counts().to_dict() == {"failure": 50}
 
 
+def test_what_the_page_of_libero_says_of_standard_images_and_more_steps_is_in_the_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "libero_checks.parquet")
+    won = rows[rows.status == "success"]
+    count = won.groupby("check").size()
+    bottle = won[(won.check == "standard") & won.task.str.contains("goal-2-")]
+    page = " ".join((ROOT / "docs/libero.md").read_text(encoding="utf-8").split())
+    assert set(rows.groupby("check").size()) == {60}
+    assert f"solves {count['standard']} of 60, the wine bottle {len(bottle)} of 10" in page
+    assert f"solved {count['steps-15000']} of 60 such placements, after 6,000 {count['steps-6000']}" in page
+
+
 def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
     rows = json.loads((MEASUREMENTS / "libero_merges.json").read_text(encoding="utf-8"))["rows"]
     page = " ".join((ROOT / "docs/libero.md").read_text(encoding="utf-8").split())

@@ -140,12 +140,12 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     with _placed(folder):
         subspaces = {expert: _subspaces(tensors, str(number)) for number, expert in enumerate(metadata.experts)}
         if metadata.checkpoints:
-            return MergedCheckpoint(metadata, fitted, partial(_merged_anew, folder, metadata, subspaces))
+            return MergedCheckpoint(metadata, fitted, partial(_merge_again, folder, metadata, subspaces))
         parts = _parts(metadata, tensors, subspaces, base)
     return MergedCheckpoint(metadata, fitted, lambda: parts)
 
 
-def _merged_anew(folder: Path, metadata: MergedMetadata, subspaces: Mapping[str, Subspaces]) -> MergedWeights:
+def _merge_again(folder: Path, metadata: MergedMetadata, subspaces: Mapping[str, Subspaces]) -> MergedWeights:
     with _placed(folder):
         experts = read_experts(metadata.expert_folder(folder, expert) for expert in metadata.experts)
         made = merge_parts(experts, metadata.recipe, metadata.instructions)
