@@ -182,6 +182,7 @@ def collect(request: CollectionRequest, folder: Path, display: DemonstrationProg
             if task.cell.simulator in absent:
                 task.give_up(absent[task.cell.simulator])
         collected = CollectionResult(tasks=tasks)
+        display.begin(tasks)
         _play(request, collected, display, environments)
         collected.warnings += [f"{task.name}: {task.reason}" for task in tasks if task.reason]
         if collected.status is RunStatus.COMPLETE and any(task.kept < task.episodes for task in tasks):

@@ -20,17 +20,17 @@ class DemonstrationProgress(Display):
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__(console, now=now)
-        self._began: tuple[float, int] | None = None
+        self._began, self._before = now(), 0
+
+    def begin(self, tasks: Sequence[CollectionTask]) -> None:
+        """Say how many episodes exist already, and measure the pace from here on."""
+        self._began, self._before = self._now(), sum(task.kept for task in tasks)
+        if self._before:
+            wanted = counted(sum(task.episodes for task in tasks), "episode")
+            self.log(f"continuing: {self._before} of {wanted} already there")
 
     def show(self, tasks: Sequence[CollectionTask]) -> None:
         """Update the display."""
-        kept = sum(task.kept for task in tasks)
-        if self._began is None:
-            self._began = self._now(), kept
-            if kept:
-                self.log(
-                    f"continuing: {kept} of {counted(sum(task.episodes for task in tasks), 'episode')} already there"
-                )
         self.draw(lambda: self._table(tasks), lambda: self._lines(tasks))
 
     def _lines(self, tasks: Sequence[CollectionTask]) -> Iterator[str]:
@@ -51,14 +51,12 @@ class DemonstrationProgress(Display):
         return table
 
     def _pace(self, tasks: Sequence[CollectionTask]) -> str:
-        assert self._began is not None
-        began, before = self._began
-        seconds = self._now() - began
+        seconds = self._now() - self._began
         kept = sum(task.kept for task in tasks)
         wanted = sum(task.episodes - task.kept for task in tasks if task.open)
-        if kept == before or seconds < 1.0:
+        if kept == self._before or seconds < 1.0:
             return "all: starting"
-        pace = (kept - before) / seconds
+        pace = (kept - self._before) / seconds
         return f"all: {60 * pace:.0f} episodes/min, {format_duration(wanted / pace)} left"
 
 

@@ -1,5 +1,6 @@
 """A whole collection: complete, continued, interrupted, and the same with any workers."""
 
+import io
 import json
 import os
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import time
 
 import pytest
+from rich.console import Console
 
 from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED
 from robogauntlet.orchestrator.demonstrations import collect as demonstrate
@@ -17,6 +19,7 @@ from robogauntlet.orchestrator.demonstrations.collect import (
     dataset_name,
     resolve,
 )
+from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
 from robogauntlet.policies.oracles import digest_of_task
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.lerobot_format import DatasetError
@@ -32,6 +35,9 @@ SMALL = View(image_size=16)
 class Quiet:
     def __init__(self, then=lambda lanes: None):
         self.messages, self.show = [], then
+
+    def begin(self, lanes):
+        pass
 
     def log(self, message):
         self.messages.append(message)
@@ -92,6 +98,13 @@ class TestWithRay:
         assert [attempt["seed"] for attempt in journal(tmp_path)["attempts"]] == [
             FIRST_TRAINING_SEED + i for i in range(3)
         ]
+
+    def test_a_collection_says_what_exists_already_even_if_it_ends_before_the_first_update(self, tmp_path):
+        collect(order(), tmp_path, Quiet())
+        written = io.StringIO()
+        with DemonstrationProgress(Console(file=written)) as progress:
+            collect(order(), tmp_path, progress)
+        assert written.getvalue() == "continuing: 3 of 3 episodes already there\n"
 
     def test_the_data_do_not_depend_on_workers_or_on_stopping_between(self, tmp_path, monkeypatch):
         # So that the second worker is started for so few episodes.
