@@ -17,7 +17,6 @@ profiles `standard` and `fast` are equal. `fast-2` draws the robot with fewer tr
 
 from __future__ import annotations
 
-import functools
 import logging
 import math
 import time
@@ -257,7 +256,7 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
     if not env.scene.can_render():
         env.close()
         raise SimulatorUnavailable(f"SAPIEN found no device to render with: {_VULKAN_FIX}")
-    _keep_renderer(env.scene.backend.render_device.name)
+    _keep_renderer(env.scene.backend.render_device)
     if view.render_profile is RenderProfile.FAST_2:
         simplify_links(env.agent.robot._objs[0])
     return ManiSkillSimulation(task, view, env)
@@ -277,15 +276,20 @@ def _render_backend(sapien: Any) -> str:
         return "cpu"
 
 
-@functools.cache
-def _keep_renderer(device: str) -> Any:
-    """Keep a reference for the lifetime of the process.
+_RENDERERS: dict[str, Any] = {}
+"""Name of a device to its renderer."""
+
+
+def _keep_renderer(device: Any) -> None:
+    """Keep a reference to the device's renderer for the lifetime of the process.
 
     Otherwise SAPIEN would free its renderer with the last scene and compile its shaders again (7 s, and more memory).
+    A GPU's name is that of its model, by which SAPIEN does not find it, so the device itself is used.
     """
     import sapien
 
-    return sapien.render.RenderSystem(sapien.Device(device))
+    if device.name not in _RENDERERS:
+        _RENDERERS[device.name] = sapien.render.RenderSystem(device)
 
 
 def _omit_reflections(env: Any) -> None:

@@ -10,10 +10,12 @@ from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, Poli
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of
 from robogauntlet.policies.mergevla.checkpoints.metadata import all_files, checkpoint_files, digest_of, locate
 from robogauntlet.policies.mergevla.options import (
+    DEVICE_MEANING,
     EXPERTS_NAME,
     MERGED_NAME,
     NAME,
     ROUTER,
+    device_option,
     expert_folders,
     merged_options,
     needs_packages,
@@ -24,14 +26,15 @@ from robogauntlet.suites.episode import content_hash
 
 
 def _checkpoint(options: Mapping[str, Any]) -> str:
+    device_option(NAME, options)
     return text_option(NAME, options, "checkpoint", "a folder or hub id")
 
 
 def _load(options: Mapping[str, Any]) -> Policy:
-    reference = _checkpoint(options)
+    reference, device = _checkpoint(options), device_option(NAME, options)
     with needs_packages(NAME):
         from robogauntlet.policies.mergevla.policies.single_policy import MergeVLAPolicy
-    return MergeVLAPolicy(locate(reference))
+    return MergeVLAPolicy(locate(reference), device=device)
 
 
 def _files(options: Mapping[str, Any]) -> PolicyFiles:
@@ -40,6 +43,7 @@ def _files(options: Mapping[str, Any]) -> PolicyFiles:
 
 
 def _folder(options: Mapping[str, Any]) -> Path:
+    device_option(EXPERTS_NAME, options)
     return shipped(text_option(EXPERTS_NAME, options, "folder", "a folder of expert checkpoints"))
 
 
@@ -48,10 +52,10 @@ def _digests(folder: Path) -> dict[str, str]:
 
 
 def _load_experts(options: Mapping[str, Any]) -> Policy:
-    folders = expert_folders(_folder(options))
+    folders, device = expert_folders(_folder(options)), device_option(EXPERTS_NAME, options)
     with needs_packages(EXPERTS_NAME):
         from robogauntlet.policies.mergevla.policies.single_policy import MergeVLAPolicy
-    return MergeVLAPolicy(folders)
+    return MergeVLAPolicy(folders, device=device)
 
 
 def _experts_digest(options: Mapping[str, Any]) -> str:
@@ -104,7 +108,7 @@ KIND = PolicyKind(
     summary="a vision-language-action network from a checkpoint (arXiv 2511.18810)",
     load=_load,
     digest=lambda options: digest_of(_checkpoint(options)),
-    options={"checkpoint": "folder or hub id of the checkpoint"},
+    options={"checkpoint": "folder or hub id of the checkpoint", "device": DEVICE_MEANING},
     files=_files,
 )
 EXPERTS = PolicyKind(
@@ -112,7 +116,10 @@ EXPERTS = PolicyKind(
     summary="each task's own expert (arXiv 2511.18810)",
     load=_load_experts,
     digest=_experts_digest,
-    options={"folder": "folder of expert checkpoints; the one trained on the episode's task acts"},
+    options={
+        "folder": "folder of expert checkpoints; the one trained on the episode's task acts",
+        "device": DEVICE_MEANING,
+    },
     files=_experts_files,
 )
 MERGED = PolicyKind(
@@ -127,6 +134,7 @@ MERGED = PolicyKind(
         "sees_instruction": "whether the router reads the instruction, by default true",
         "recipe": "how to merge the experts at loading; the checkpoint then provides its fitted routers only",
         "experts": "folder of the expert checkpoints that the recipe merges",
+        "device": DEVICE_MEANING,
     },
     files=_merged_files,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +25,9 @@ ROUTER = "calibrated"
 """The default router of a merged policy."""
 
 
+DEVICE_MEANING = "cpu, cuda or cuda:N; by default the GPU if there is one"
+
+
 @contextmanager
 def needs_packages(policy: str) -> Iterator[None]:
     """Turn a ModuleNotFoundError within the block into PolicyNotInstalled, which says what to install."""
@@ -42,6 +46,16 @@ def text_option(policy: str, options: Mapping[str, Any], option: str, meaning: s
     if not isinstance(value, str) or not value:
         raise PolicyError(f"policy '{policy}': expected option {option}: {meaning}, got {value!r}")
     return value
+
+
+def device_option(policy: str, options: Mapping[str, Any]) -> str | None:
+    """Return the option `device`, None if it is not given. Raises PolicyError for another value than a device."""
+    if "device" not in options:
+        return None
+    device = text_option(policy, options, "device", DEVICE_MEANING)
+    if not re.fullmatch(r"cpu|cuda(:\d+)?", device):
+        raise PolicyError(f"policy '{policy}': expected option device: {DEVICE_MEANING}, got {device!r}")
+    return device
 
 
 def expert_folders(folder: Path) -> dict[str, Path]:
@@ -86,6 +100,8 @@ class MergedOptions:
     """How to merge `experts` when the policy is loaded; the checkpoint then provides its fitted routers only."""
     experts: Path | None
     """Folder of expert checkpoints; present with a recipe."""
+    device: str | None
+    """Where it computes; None for the GPU if there is one."""
 
 
 def merged_options(options: Mapping[str, Any]) -> MergedOptions:
@@ -95,12 +111,13 @@ def merged_options(options: Mapping[str, Any]) -> MergedOptions:
     sees = options.get("sees_instruction", True)
     if not isinstance(sees, bool):
         raise PolicyError(f"policy '{MERGED_NAME}': expected option sees_instruction: true or false, got {sees!r}")
+    device = device_option(MERGED_NAME, options)
     plain, folder = options.get("recipe"), options.get("experts")
     if (plain is None) != (folder is None):
         raise PolicyError(f"policy '{MERGED_NAME}': expected options recipe and experts together, got one of them")
     if plain is None:
-        return MergedOptions(checkpoint, router, sees, None, None)
+        return MergedOptions(checkpoint, router, sees, None, None, device)
     if not isinstance(plain, Mapping):
         raise PolicyError(f"policy '{MERGED_NAME}': expected option recipe: how to merge, got {plain!r}")
     experts = shipped(text_option(MERGED_NAME, options, "experts", "a folder of expert checkpoints"))
-    return MergedOptions(checkpoint, router, sees, Recipe.from_json(plain), experts)
+    return MergedOptions(checkpoint, router, sees, Recipe.from_json(plain), experts, device)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -246,6 +247,16 @@ def check_images(mixture: DatasetMixture, architecture: Architecture) -> None:
         )
 
 
+def training_device() -> torch.device:
+    """Return the device of trainings: the GPU if there is one, on which equal trainings then give equal bits."""
+    if not torch.cuda.is_available():
+        return torch.device("cpu")
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    torch.use_deterministic_algorithms(True, warn_only=True)
+    torch.backends.cuda.enable_mem_efficient_sdp(False)  # its gradients differ from run to run
+    return torch.device("cuda")
+
+
 def _train(
     model: MergeVLA,
     metadata: CheckpointMetadata,
@@ -261,7 +272,7 @@ def _train(
     if (out / METADATA_FILE).exists():
         raise TrainingError(f"expected a folder without a checkpoint, '{out}' holds a finished one")
     torch.set_num_threads(settings.threads)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    device = training_device()
     model = model.to(device).train()
     tokenizer = tokenizer_for(model.architecture)
     batch_loss = BatchLoss(model.architecture, metadata.statistics, tokenizer, device, objective)

@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters.maniskill import simulation as maniskill
 from robogauntlet.adapters.maniskill.simulation import SIMULATOR, _command, _device_name, _euler_xyz
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -184,6 +186,19 @@ def test_fast_2_draws_a_robot_of_fewer_triangles_that_looks_and_moves_the_same(p
     bodies = simple._env.scene.sub_scenes[0].render_system.render_bodies
     assert sum(len(part.triangles) for body in bodies for shape in body.render_shapes for part in shape.parts) < 100_000
     simple.close()
+
+
+@pytest.mark.simulator
+def test_the_renderer_of_a_gpu_is_made_for_the_device_itself(monkeypatch):
+    """SAPIEN finds no device by the name of a GPU's model."""
+    import sapien
+
+    made, gpu = [], SimpleNamespace(name="NVIDIA H200")
+    monkeypatch.setattr(sapien.render, "RenderSystem", made.append)
+    monkeypatch.setattr(maniskill, "_RENDERERS", {})
+    for _ in range(2):
+        maniskill._keep_renderer(gpu)
+    assert made == [gpu]
 
 
 @pytest.mark.simulator

@@ -41,7 +41,8 @@ NEED_DEMONSTRATIONS = (
     *("arms", "merges", "more_experts", "more_experts_routing", "routers", "training_controls", "unknown_tasks"),
     *("shifted_routing", "libero_experts", "libero_merges", "libero_plus", "varied_experts"),
 )
-ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
+NEED_GPU = ("gpu_answers", "gpu_runs")
+ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS, *NEED_GPU)
 """Run only when named."""
 CODE = """
 import json

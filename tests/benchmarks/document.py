@@ -8,6 +8,7 @@ import os
 import platform
 import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
@@ -29,14 +30,19 @@ BLOCK = re.compile(rf"(<!-- measured: (\w+) -->\n).*?{END}", re.DOTALL)
 
 
 def machine() -> str:
-    """Cores and model of the processor."""
+    """Cores and model of the processor, and the GPU if there is one."""
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
-    return f"{len(os.sched_getaffinity(0))} cores of {model[1] if model else platform.processor()}"
+    cores = f"{len(os.sched_getaffinity(0))} cores of {model[1] if model else platform.processor()}"
+    if shutil.which("nvidia-smi") is None:
+        return cores
+    query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
+    return f"{cores}, {subprocess.run(query, capture_output=True, text=True, check=True).stdout.strip()}"
 
 
 def write(name: str, measured: Mapping[str, Any]) -> None:
     """Write a measurement with its date, machine, and the versions of the simulators and of what plays them."""
-    versions = {package: metadata.version(package) for package in PACKAGES}
+    installed = {package.name.replace("_", "-") for package in metadata.distributions()}
+    versions = {package: metadata.version(package) for package in PACKAGES if package in installed}
     result = {"date": str(date.today()), "machine": machine(), "versions": versions, **measured}
     WRITTEN.mkdir(parents=True, exist_ok=True)
     (WRITTEN / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")

@@ -9,6 +9,7 @@ import pytest
 from tests import ROOT
 from tests.benchmarks import (
     arms,
+    gpu_runs,
     libero_experts,
     libero_merges,
     libero_oracles,
@@ -205,6 +206,19 @@ def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
 def test_the_table_of_varied_experts_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "varied_experts.json").read_text(encoding="utf-8"))["rows"]
     assert varied_experts.rows_of(pd.read_parquet(MEASUREMENTS / "varied_experts.parquet")) == rows
+
+
+def test_the_table_of_runs_on_a_gpu_counts_the_committed_episodes_and_the_page_says_what_they_share():
+    rows = json.loads((MEASUREMENTS / "gpu_runs.json").read_text(encoding="utf-8"))["rows"]
+    played = pd.read_parquet(MEASUREMENTS / "gpu_runs.parquet")
+    of = {place: played[played.place == place] for place in gpu_runs.PLACES}
+    counted = [gpu_runs.compared(frame, of["core"]) for frame in of.values()]
+    assert counted == [{name: row[name] for name in counted[0]} for row in rows]
+    both = of["core"].merge(of["gpu"], on=["policy", "task", "seed"])
+    assert len(both) == 100
+    assert not (both.actions_hash_x == both.actions_hash_y).any()
+    merged = both[both.policy == "merged"]
+    assert (merged.inferred_task_x == merged.inferred_task_y).all()
 
 
 def test_the_table_of_libero_s_oracles_counts_the_committed_episodes():

@@ -27,7 +27,7 @@ from robogauntlet.policies.mergevla.options import MergedOptions, expert_folders
 from robogauntlet.policies.mergevla.policies.single_policy import (
     Network,
     chunks_by,
-    device_here,
+    device_named,
     observed,
     policy_spec,
     stack_images,
@@ -73,7 +73,7 @@ class MergedPolicy:
             parts = merge_parts(experts, options.recipe, checkpoint.metadata.instructions)
         else:
             parts = checkpoint.parts
-        return cls(MergedModel(parts, device=device_here()), router)
+        return cls(MergedModel(parts, device=device_named(options.device)), router)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes without a choice."""

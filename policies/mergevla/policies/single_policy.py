@@ -33,6 +33,7 @@ from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import Prompts, Tokenizer, tokenizer_for
 from robogauntlet.suites.episode import Episode
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.text import counted
 
 LARGEST_BATCH = 32
 """Queries in one forward pass."""
@@ -68,9 +69,15 @@ def observed(queries: Sequence[Query]) -> list[Observation]:
     return observations
 
 
-def device_here() -> torch.device:
-    """Return the device of networks: the GPU if there is one."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+def device_named(name: str | None = None) -> torch.device:
+    """Return a device, by default the GPU if there is one. Raises PolicyError for a GPU that is not there."""
+    gpus = torch.cuda.device_count()
+    device = torch.device(name or ("cuda" if gpus else "cpu"))
+    if device.type == "cuda" and (device.index or 0) >= gpus:
+        raise PolicyError(
+            f"device: expected one of {counted(gpus, 'GPU')} that torch {torch.__version__} finds, got {name}"
+        )
+    return device
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,17 +139,19 @@ def chunks_by(
 class MergeVLAPolicy(StatelessPolicy):
     """Acts by one network, or by the network of the episode's task. Uses one thread, as one worker of many."""
 
-    def __init__(self, checkpoints: Path | Mapping[str, Path]) -> None:
+    def __init__(self, checkpoints: Path | Mapping[str, Path], *, device: str | None = None) -> None:
         """Take one checkpoint for all tasks, or a folder for each task, read when the task first occurs.
 
-        Raises PolicyError if a checkpoint cannot be used, or if their specs differ.
+        Raises PolicyError if a checkpoint cannot be used, if their specs differ, or without the device, which is by
+        default the GPU if there is one.
         """
+        place = device_named(device)
         torch.set_num_threads(1)
         self._checkpoints = checkpoints
         self._network: ModelCache[Path, Network] = ModelCache(
-            partial(load_network, device=device_here()),
+            partial(load_network, device=place),
             lambda network: network.model.state_dict().values(),
-            device=device_here(),
+            device=place,
         )
         if isinstance(checkpoints, Path):
             self.spec = policy_spec(self._network(checkpoints).model.architecture)

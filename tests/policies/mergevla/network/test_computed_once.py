@@ -20,8 +20,8 @@ from tests.policies.mergevla.shared import SMALL, inputs, query, with_quirk
 
 def rotated_plainly(states, *, interleaved=False):
     count, dim = states.shape[-2:]
-    frequencies = ROPE_BASE ** (-torch.arange(0, dim, 2, dtype=torch.float32) / dim)
-    angles = torch.arange(count, dtype=torch.float32)[:, None] * frequencies
+    frequencies = ROPE_BASE ** (-torch.arange(0, dim, 2, dtype=torch.float32, device=states.device) / dim)
+    angles = torch.arange(count, dtype=torch.float32, device=states.device)[:, None] * frequencies
     angles = torch.cat([angles, angles], dim=-1)
     if interleaved:
         turned = torch.stack([-states[..., 1::2], states[..., ::2]], dim=-1).flatten(-2)
