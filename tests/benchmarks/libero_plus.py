@@ -18,7 +18,7 @@ from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
 from tests.benchmarks.document import write_episodes
 from tests.benchmarks.libero_experts import EXPERTS, SUITES, folder_of_experts, tasks_of
-from tests.benchmarks.libero_merges import MERGED
+from tests.benchmarks.libero_merges import MERGED, WAYS
 from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import merged_policy, play_policies, table_of
 
@@ -27,7 +27,10 @@ AXES = (PlusAxis.CAMERA, PlusAxis.ROBOT, PlusAxis.LANGUAGE, PlusAxis.NOISE, Plus
 EACH = 2
 """Variants of each axis and task: evenly spaced in LIBERO-Plus's order, from stored state 0, as it plays them."""
 NAMED = "variant-name"
-MERGES = {"magnitude-2-routed": merged_policy(MERGED, "calibrated")}
+MERGES = {
+    "magnitude-2-routed": merged_policy(MERGED, "calibrated"),
+    "none-4": merged_policy(MERGED, recipe=WAYS["none-4"][1], experts=EXPERTS),
+}
 POLICIES = ("experts", *MERGES)
 EPISODE = ("policy", "task", "seed", "axis", "status", "inferred_task")
 COLUMNS = {
@@ -36,6 +39,8 @@ COLUMNS = {
     "two bits of magnitudes, routed": "{magnitude-2-routed}",
     "of the experts'": "{kept}",
     "routed right": "{routed}",
+    "four bits each, not merged": "{none-4}",
+    "of the experts' ": "{none-4-kept}",
     "experts told the variant's name": "{named}",
 }
 
@@ -89,15 +94,19 @@ def _row(axis: str, frame: pd.DataFrame) -> dict[str, object]:
     told = frame[frame.axis == "clean"].pivot(index=["task", "seed"], columns="policy", values="won")
     named = frame[(frame.axis == NAMED) & (frame.policy == "experts")].won.dropna()
     routed = frame[(frame.policy == "magnitude-2-routed") & frame.inferred_task.notna()]
-    both = told[["magnitude-2-routed", "experts"]].dropna()
-    kept = paired_ratio([Pairs.from_outcomes(*both.to_numpy().T)], np.random.default_rng(0))
     return {
         "plus_axis": axis,
         **{policy: _rate(told[policy].dropna()) for policy in POLICIES},
-        "kept": "" if kept is None else percent(kept.value, kept.interval),
+        "kept": _kept(told[["magnitude-2-routed", "experts"]].dropna()),
+        "none-4-kept": _kept(told[["none-4", "experts"]].dropna()),
         "routed": f"{100 * (routed.inferred_task == routed.task).mean():.0f} %",
         "named": "" if axis == "all" else _rate(named),  # it has no episodes of `language`
     }
+
+
+def _kept(pairs: pd.DataFrame) -> str:
+    kept = paired_ratio([Pairs.from_outcomes(*pairs.to_numpy().T)], np.random.default_rng(0))
+    return "" if kept is None else percent(kept.value, kept.interval)
 
 
 def _rate(won: pd.Series) -> str:

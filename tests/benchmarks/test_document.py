@@ -189,6 +189,7 @@ def test_what_the_page_of_liberoplus_says_of_experts_is_in_the_rows():
         f"falls from {clean} in LIBERO itself to {every['experts']}**",
         f"other starts of the arm and other words ({found['robot']} %), least with noise ({found['noise']} %)",
         f"keep {every['kept']} [",
+        f"four bits of each expert keep {every['none-4-kept']} [",
         f"in {every['routed']} of the episodes",
         f"{min(named.values())} to {max(named.values())} % instead of {min(same)} to {max(same)} % in the same",
     ):

@@ -42,7 +42,7 @@ def test_variants_are_evenly_spaced_among_those_that_liberos_assets_show():
     assert [shown.index(one) for one in chosen] == [len(shown) // 4, 3 * len(shown) // 4]
 
 
-def test_an_axis_of_liberoplus_has_the_experts_their_merge_and_its_decisions():
+def test_an_axis_of_liberoplus_has_the_experts_their_merges_and_decisions():
     def episode(policy, axis, task, status, inferred=None):
         return {"policy": policy, "axis": axis, "task": task, "seed": 0, "status": status, "inferred_task": inferred}
 
@@ -53,6 +53,7 @@ def test_an_axis_of_liberoplus_has_the_experts_their_merge_and_its_decisions():
             *(episode("experts", libero_plus.NAMED, task, "failure") for task in (one, other)),
             episode("magnitude-2-routed", "clean", one, "success", one),
             episode("magnitude-2-routed", "clean", other, "failure", "libero-object"),
+            *(episode("none-4", "clean", task, "success") for task in (one, other)),
         ]
     )
     robot, every = libero_plus.rows_of(frame)
@@ -62,3 +63,4 @@ def test_an_axis_of_liberoplus_has_the_experts_their_merge_and_its_decisions():
     assert every["named"] == ""
     assert robot["routed"] == "50 %"
     assert robot["kept"].startswith("50 %")
+    assert robot["none-4-kept"] == "100 %"
