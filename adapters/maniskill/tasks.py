@@ -32,6 +32,18 @@ TASKS = {
         horizon=250,
         goal=Goal("blue_cube_position", offset=(0.0, 0.0, 0.03), grasped=True),
     ),
+    "LiftPegUpright-v1": TaskDescription(
+        "set the peg upright", horizon=150, goal=Goal("peg_position", offset=(0.0, 0.0, 0.09), axes="z", grasped=True)
+    ),
+    "PokeCube-v1": TaskDescription(
+        "push the red cube onto the target with the peg",
+        horizon=100,
+        goal=Goal("cube_position", "goal_position", axes="xy", tolerance=0.05, handle="peg_position"),
+    ),
+    "PullCubeTool-v1": TaskDescription(
+        "pull the blue cube towards the robot with the tool",
+        horizon=130,
+    ),
 }
 
 Region = tuple[tuple[float, float], tuple[float, float]]
@@ -71,4 +83,16 @@ LAYOUTS = {
         _ABOVE, {"sphere": "sphere"}, {"sphere": ((-0.1, -0.1), (-0.05, 0.1))}, fixtures={"bin": "bin"}
     ),
     "StackPyramid-v1": Layout(_ABOVE, _THREE, dict.fromkeys(_THREE, _square(0.1, 0.2))),
+    "LiftPegUpright-v1": Layout(_ABOVE, {"peg": "peg"}, {"peg": _square(0.1, 0.1)}),
+    "PokeCube-v1": Layout(
+        (0.1, 0.0, 0.05),
+        {"peg": "peg", "cube": "cube"},
+        {"peg": _square(0.1, 0.1), "cube": ((0.12, -0.1), (0.32, 0.1))},
+        goal="goal_region",
+    ),
+    "PullCubeTool-v1": Layout(
+        (0.05, -0.05, 0.05),
+        {"tool": "l_shape_tool", "cube": "cube"},
+        {"tool": ((-0.3, -0.3), (-0.1, -0.1)), "cube": ((0.05, -0.25), (0.25, 0.05))},
+    ),
 }

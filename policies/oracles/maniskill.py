@@ -143,17 +143,109 @@ class Pyramid:
         return _grasp(state, blue, _grasp_yaw(state["blue_cube_quaternion"], red - blue))
 
 
-def _holds(state: State, place: FloatArray, *, slack: float = 0.004) -> bool:
-    """Return whether the fingers hold something as wide as a cube, within `slack` (m), at a place."""
-    return distance(state, place) < 0.025 and abs(float(state["finger_positions"].sum()) - CUBE) < slack
+class Upright:
+    """Grasps the peg near its far end, lifts and turns it, and pulls it upright with its near end on the table.
+
+    The wrist cannot turn the hand through a right angle, so the last of it is done by the table.
+    """
+
+    width = 0.05
+    """Width of the peg (m)."""
+    half_length = 0.12
+    """Half of its length (m)."""
+    leans = -0.3, 1.0
+    """Lean of the hand when it grasps the peg, and when it has turned it (rad)."""
+    place = 0.7
+    """Where it turns the peg, ahead of the base (m). It grasps no farther out either."""
+    turned = 1.05
+    """Tilt of the peg from which on it is pulled (rad)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        peg, tcp = state["peg_position"], state["tcp_position"]
+        axis = Rotation.from_quat(state["peg_quaternion"]).apply([1.0, 0.0, 0.0])
+        axis = axis if axis[0] + axis[2] > 0 else -axis
+        tilt = float(np.arcsin(np.clip(axis[2], 0.0, 1.0)))
+        held = peg + float(np.clip((tcp - peg) @ axis, -0.02, 0.1)) * axis
+        if not _holds(state, held, width=self.width):
+            end = peg + float(np.clip(self.place - peg[0], -0.01, 0.08)) * axis
+            return _grasp(state, end, _line_yaw(axis), lean=self.leans[0])
+        height = self.half_length * np.sin(tilt)
+        if tilt > self.turned:
+            below = height + 0.022 * np.cos(tilt) - peg[2]
+            pull = -0.02 if below > -0.006 and tilt < np.pi / 2 - 0.02 else 0.0
+            target = tcp + np.array([pull, 0.0, below])
+            return _move(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[1], max_step=0.012)
+        target = tcp + np.array([0.0, 0.0, height + 0.07 - peg[2]])
+        lifted = tilt > 0.3 or peg[2] > 0.065
+        if lifted:
+            target[0] = self.place
+        return _move(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[lifted])
 
 
-def _grasp(state: State, place: FloatArray, yaw: float) -> FloatArray:
+class Poke:
+    """Grasps the peg near its end, moves its head behind the cube and pushes the cube onto the goal with it."""
+
+    width = 0.05
+    """Width of the peg (m)."""
+    half_length = 0.12
+    """Half of its length (m)."""
+    grip = np.array([-0.085, 0.0, 0.0])
+    """Where the fingers hold it, from its centre in its own frame (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        cube, goal, tcp = state["cube_position"], state["goal_position"], state["tcp_position"]
+        turned = Rotation.from_quat(state["peg_quaternion"])
+        along = _line_yaw(turned.apply([1.0, 0.0, 0.0]))
+        end = state["peg_position"] + turned.apply(self.grip)
+        head = state["peg_position"] + turned.apply([self.half_length, 0.0, 0.0])
+        if not _holds(state, end, width=self.width):
+            return _grasp(state, end, along)
+        aside = float((cube - head)[1])
+        if np.linalg.norm((goal - cube)[XY]) < 0.04:
+            return _move(state, tcp, gripper=CLOSED, yaw=0.0)
+        ahead = 0.0 if abs(aside) > 0.01 and head[0] < cube[0] - CUBE / 2 else STEP
+        return _move(state, tcp + np.array([ahead, aside, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
+
+
+class Hook:
+    """Grasps the tool at its end, lifts its hook over the cube, and pulls the cube towards the robot."""
+
+    width = 0.05
+    """Width of the tool (m)."""
+    grip = np.array([0.03, 0.0, 0.0])
+    """Where the fingers hold it, in its own frame (m)."""
+    inside = np.array([0.15, 0.06, 0.0])
+    """Middle of the inner side of its hook, in its own frame (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        cube, tcp = state["cube_position"], state["tcp_position"]
+        turned = Rotation.from_quat(state["tool_quaternion"])
+        along = _line_yaw(turned.apply([1.0, 0.0, 0.0]))
+        end = state["tool_position"] + turned.apply(self.grip)
+        hook = state["tool_position"] + turned.apply(self.inside)
+        if not _holds(state, end, width=self.width):
+            return _grasp(state, end, along)
+        beyond, aside = hook - cube - [CUBE / 2, 0.0, 0.0], float((cube - hook)[1])
+        if hook[2] < 0.05 and abs(aside) < 0.04 and -0.02 < beyond[0] < 0.08:
+            return _move(state, tcp + np.array([-STEP, aside, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
+        place = tcp + np.array([0.03 - beyond[0], aside, 0.03 - hook[2]])
+        return _hover(state, place, clearance=0.12, gripper=CLOSED, yaw=0.0, lean=0.5)
+
+
+def _holds(state: State, place: FloatArray, *, width: float = CUBE, slack: float = 0.004) -> bool:
+    """Return whether the fingers hold something so wide, within `slack` (m), at a place."""
+    return distance(state, place) < 0.025 and abs(float(state["finger_positions"].sum()) - width) < slack
+
+
+def _grasp(state: State, place: FloatArray, yaw: float, *, lean: float = 0.0) -> FloatArray:
     """Return one action (7,) of a grasp: open, approach the place from above, close."""
-    to_turn = float((pointing_down(yaw) * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude())
+    to_turn = float((_leaning(yaw, lean) * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude())
     if distance(state, place) < 0.013 and to_turn < 0.1:
-        return _move(state, place, gripper=CLOSED, yaw=yaw)
-    return _hover(state, place, clearance=0.07, gripper=OPEN, yaw=yaw, to_turn=to_turn)
+        return _move(state, place, gripper=CLOSED, yaw=yaw, lean=lean)
+    return _hover(state, place, clearance=0.07, gripper=OPEN, yaw=yaw, lean=lean, to_turn=to_turn)
 
 
 def _let_go(state: State) -> FloatArray:
@@ -180,8 +272,13 @@ def _move(
     max_step: float = STEP,
 ) -> FloatArray:
     """Return one action (7,) towards `target`, pointing down except for `lean` (rad), fingers ahead of the hand."""
-    rotation = Rotation.from_euler("y", -lean) * pointing_down(yaw)
+    rotation = _leaning(yaw, lean)
     return move(state, target, gripper=gripper, max_step=max_step, gain=GAIN, rotation=rotation, max_turn=TURN)
+
+
+def _leaning(yaw: float, lean: float) -> Rotation:
+    """Return the orientation of a gripper that points down except for `lean` (rad), fingers ahead of the hand."""
+    return Rotation.from_euler("y", -lean) * pointing_down(yaw)
 
 
 def _hover(
@@ -207,6 +304,12 @@ def _yaw(gripper: Rotation) -> float:
     return yaw_of((gripper * pointing_down(0.0).inv()).as_quat())
 
 
+def _line_yaw(axis: FloatArray) -> float:
+    """Return the gripper's yaw (rad) to grasp something long across its horizontal axis, the one nearest to zero."""
+    yaw = float(np.arctan2(axis[1], axis[0]))
+    return (yaw + np.pi / 2) % np.pi - np.pi / 2
+
+
 def _grasp_yaw(quaternion: FloatArray, neighbour: FloatArray) -> float:
     """Return the gripper's yaw (rad) to grasp a cube across two faces.
 
@@ -229,4 +332,7 @@ SCRIPTS: dict[str, Callable[[], Script]] = {
     "maniskill/PickCube-v1": Pick,
     "maniskill/PlaceSphere-v1": Place,
     "maniskill/StackPyramid-v1": Pyramid,
+    "maniskill/LiftPegUpright-v1": Upright,
+    "maniskill/PokeCube-v1": Poke,
+    "maniskill/PullCubeTool-v1": Hook,
 }
