@@ -325,5 +325,5 @@ def _read_tasks(folder: Path) -> dict[int, str]:
     try:
         tasks = pd.read_parquet(folder / TASKS_FILE)
         return {int(number): str(task) for task, number in tasks["task_index"].items()}
-    except (OSError, KeyError, ValueError, pa.ArrowException) as error:
+    except (OSError, KeyError, TypeError, ValueError, pa.ArrowException) as error:
         raise DatasetError(f"{folder / TASKS_FILE}: cannot be read: {first_line(error)}") from None

@@ -164,21 +164,23 @@ def test_modules_of_the_current_folder_are_not_taken(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 def test_an_interrupted_import_leaves_neither_process_nor_files(tmp_path, number):
-    file, code = export(tmp_path), "import time; time.sleep(600)"
+    file, began = export(tmp_path), tmp_path / "began"
+    code = f"import time; open({str(began)!r}, 'w').close(); time.sleep(600)"
     script = (
         "import sys\nfrom robogauntlet.results.store import limited_reader\n"
         f"limited_reader.COMMAND = (sys.executable, '-c', {code!r}, 'limited_reader')\n"
     )
     command = [sys.executable, "-c", script + GAUNTLET[-1], "import", str(file), "--out", str(tmp_path / "new" / "run")]
     with subprocess.Popen(command, cwd=tmp_path, env=environment_of(), stderr=subprocess.PIPE, text=True) as process:
-        while not (found := [child.pid for child in started_by(process, code)]):
+        while not began.exists():
             assert process.poll() is None, process.stderr.read()
             time.sleep(0.05)
+        (found,) = (child.pid for child in started_by(process, code))
         os.kill(process.pid, number)
         _, complaints = process.communicate(timeout=60)
     assert process.returncode not in (0, 2)
     assert "Traceback" not in complaints
-    assert not psutil.pid_exists(found[0])
+    assert not psutil.pid_exists(found)
     assert not (tmp_path / "new").exists()
 
 
