@@ -171,6 +171,10 @@ def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
     long = [rate(policy, "Long") for policy in (two, four, "experts")]
     assert f"in Long: {long[0].removesuffix(' %')} and {long[1]} instead of {long[2]}" in page
     assert f"TA+S has {rate('ta-s')} with task vectors in the trunk" in page
+    averaged = [rate(f"{operator}-s-averaged-trunk") for operator in ("tsv", "ties", "ta")]
+    assert f"TSV+S has {averaged[0]}, TIES+S {averaged[1]} and TA+S {averaged[2]}" in page
+    assert rate("ta") == "0 %"
+    assert f"of each task vector, has {rate('ties-published-s')} with masks" in page
 
 
 def test_what_the_page_of_liberoplus_says_of_experts_is_in_the_rows():
