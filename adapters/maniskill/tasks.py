@@ -86,13 +86,13 @@ LAYOUTS = {
     "LiftPegUpright-v1": Layout(_ABOVE, {"peg": "peg"}, {"peg": _square(0.1, 0.1)}),
     "PokeCube-v1": Layout(
         (0.1, 0.0, 0.05),
-        {"peg": "peg", "cube": "cube"},
-        {"peg": _square(0.1, 0.1), "cube": ((0.12, -0.1), (0.32, 0.1))},
+        {"cube": "cube", "peg": "peg"},
+        {"cube": ((0.12, -0.1), (0.32, 0.1)), "peg": _square(0.1, 0.1)},
         goal="goal_region",
     ),
     "PullCubeTool-v1": Layout(
         (0.05, -0.05, 0.05),
-        {"tool": "l_shape_tool", "cube": "cube"},
-        {"tool": ((-0.3, -0.3), (-0.1, -0.1)), "cube": ((0.05, -0.25), (0.25, 0.05))},
+        {"cube": "cube", "tool": "l_shape_tool"},
+        {"cube": ((0.05, -0.25), (0.25, 0.05)), "tool": ((-0.3, -0.3), (-0.1, -0.1))},
     ),
 }

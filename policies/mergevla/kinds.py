@@ -10,6 +10,7 @@ from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, Poli
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of
 from robogauntlet.policies.mergevla.checkpoints.metadata import all_files, checkpoint_files, digest_of, locate
 from robogauntlet.policies.mergevla.options import (
+    CPU,
     DEVICE_MEANING,
     EXPERTS_NAME,
     MERGED_NAME,
@@ -28,6 +29,16 @@ from robogauntlet.suites.episode import content_hash
 def _checkpoint(options: Mapping[str, Any]) -> str:
     device_option(NAME, options)
     return text_option(NAME, options, "checkpoint", "a folder or hub id")
+
+
+def _arithmetic(device: str) -> dict[str, str]:
+    """What a device adds to the content of a policy: a GPU rounds differently, so it gives other actions."""
+    return {} if device == CPU else {"device": device.partition(":")[0]}
+
+
+def _digest(options: Mapping[str, Any]) -> str:
+    digest, arithmetic = digest_of(_checkpoint(options)), _arithmetic(device_option(NAME, options))
+    return content_hash({"policy": digest, **arithmetic}) if arithmetic else digest
 
 
 def _load(options: Mapping[str, Any]) -> Policy:
@@ -59,7 +70,8 @@ def _load_experts(options: Mapping[str, Any]) -> Policy:
 
 
 def _experts_digest(options: Mapping[str, Any]) -> str:
-    return content_hash({"policy": EXPERTS_NAME, "experts": _digests(_folder(options))})
+    content = {"policy": EXPERTS_NAME, "experts": _digests(_folder(options))}
+    return content_hash(content | _arithmetic(device_option(EXPERTS_NAME, options)))
 
 
 def _experts_files(options: Mapping[str, Any]) -> PolicyFiles:
@@ -88,6 +100,7 @@ def _merged_digest(options: Mapping[str, Any]) -> str:
         "model": merged_digest_of(chosen.checkpoint),
         "router": chosen.router,
         "sees_instruction": chosen.sees_instruction,
+        **_arithmetic(chosen.device),
     }
     if chosen.recipe is not None and chosen.experts is not None:
         content |= {"recipe": chosen.recipe.as_json(), "experts": _digests(chosen.experts)}
@@ -107,7 +120,8 @@ KIND = PolicyKind(
     name=NAME,
     summary="a vision-language-action network from a checkpoint (arXiv 2511.18810)",
     load=_load,
-    digest=lambda options: digest_of(_checkpoint(options)),
+    digest=_digest,
+    spec=lambda options: _load({**options, "device": CPU}).spec,
     options={"checkpoint": "folder or hub id of the checkpoint", "device": DEVICE_MEANING},
     files=_files,
 )
@@ -116,6 +130,7 @@ EXPERTS = PolicyKind(
     summary="each task's own expert (arXiv 2511.18810)",
     load=_load_experts,
     digest=_experts_digest,
+    spec=lambda options: _load_experts({**options, "device": CPU}).spec,
     options={
         "folder": "folder of expert checkpoints; the one trained on the episode's task acts",
         "device": DEVICE_MEANING,

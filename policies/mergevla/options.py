@@ -25,7 +25,8 @@ ROUTER = "calibrated"
 """The default router of a merged policy."""
 
 
-DEVICE_MEANING = "cpu, cuda or cuda:N; by default the GPU if there is one"
+CPU = "cpu"
+DEVICE_MEANING = "cpu, cuda or cuda:N; by default cpu"
 
 
 @contextmanager
@@ -48,12 +49,10 @@ def text_option(policy: str, options: Mapping[str, Any], option: str, meaning: s
     return value
 
 
-def device_option(policy: str, options: Mapping[str, Any]) -> str | None:
-    """Return the option `device`, None if it is not given. Raises PolicyError for another value than a device."""
-    if "device" not in options:
-        return None
-    device = text_option(policy, options, "device", DEVICE_MEANING)
-    if not re.fullmatch(r"cpu|cuda(:\d+)?", device):
+def device_option(policy: str, options: Mapping[str, Any]) -> str:
+    """Return the option `device`. Raises PolicyError for another value than a device."""
+    device = text_option(policy, {"device": CPU, **options}, "device", DEVICE_MEANING)
+    if not re.fullmatch(r"cpu|cuda(:(0|[1-9][0-9]?))?", device):
         raise PolicyError(f"policy '{policy}': expected option device: {DEVICE_MEANING}, got {device!r}")
     return device
 
@@ -100,8 +99,8 @@ class MergedOptions:
     """How to merge `experts` when the policy is loaded; the checkpoint then provides its fitted routers only."""
     experts: Path | None
     """Folder of expert checkpoints; present with a recipe."""
-    device: str | None
-    """Where it computes; None for the GPU if there is one."""
+    device: str
+    """Where it computes."""
 
 
 def merged_options(options: Mapping[str, Any]) -> MergedOptions:

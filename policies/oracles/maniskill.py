@@ -156,7 +156,7 @@ class Upright:
     leans = -0.3, 1.0
     """Lean of the hand when it grasps the peg, and when it has turned it (rad)."""
     place = 0.7
-    """Where it turns the peg, ahead of the base (m). It grasps no farther out either."""
+    """Where it turns the peg, ahead of the base (m)."""
     turned = 1.05
     """Tilt of the peg from which on it is pulled (rad)."""
 
@@ -192,6 +192,8 @@ class Poke:
     """Half of its length (m)."""
     grip = np.array([-0.085, 0.0, 0.0])
     """Where the fingers hold it, from its centre in its own frame (m)."""
+    behind = 0.035
+    """Distance of its head from the cube's centre at which it moves aside (m): the cube may be turned."""
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
@@ -205,7 +207,10 @@ class Poke:
         aside = float((cube - head)[1])
         if np.linalg.norm((goal - cube)[XY]) < 0.04:
             return _move(state, tcp, gripper=CLOSED, yaw=0.0)
-        ahead = 0.0 if abs(aside) > 0.01 and head[0] < cube[0] - CUBE / 2 else STEP
+        beside = abs(aside) > 0.01
+        if beside and head[0] > cube[0] - self.behind:
+            return _move(state, tcp - np.array([STEP, 0.0, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
+        ahead = 0.0 if beside else STEP
         return _move(state, tcp + np.array([ahead, aside, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
 
 

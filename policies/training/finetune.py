@@ -12,7 +12,8 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -247,16 +248,25 @@ def check_images(mixture: DatasetMixture, architecture: Architecture) -> None:
         )
 
 
-def training_device() -> torch.device:
-    """Return the device of trainings: the GPU if there is one, on which equal trainings then give equal bits."""
+@contextmanager
+def repeatable() -> Iterator[None]:
+    """Let equal trainings on a GPU give equal bits during the block, as they do on a CPU."""
     if not torch.cuda.is_available():
-        return torch.device("cpu")
+        yield
+        return
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
+    attention = torch.backends.cuda.mem_efficient_sdp_enabled()
     torch.use_deterministic_algorithms(True, warn_only=True)
     torch.backends.cuda.enable_mem_efficient_sdp(False)  # its gradients differ from run to run
-    return torch.device("cuda")
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before[0], warn_only=before[1])
+        torch.backends.cuda.enable_mem_efficient_sdp(attention)
 
 
+@repeatable()
 def _train(
     model: MergeVLA,
     metadata: CheckpointMetadata,
@@ -272,7 +282,7 @@ def _train(
     if (out / METADATA_FILE).exists():
         raise TrainingError(f"expected a folder without a checkpoint, '{out}' holds a finished one")
     torch.set_num_threads(settings.threads)
-    device = training_device()
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     model = model.to(device).train()
     tokenizer = tokenizer_for(model.architecture)
     batch_loss = BatchLoss(model.architecture, metadata.statistics, tokenizer, device, objective)

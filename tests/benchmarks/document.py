@@ -36,12 +36,13 @@ def machine() -> str:
     if shutil.which("nvidia-smi") is None:
         return cores
     query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
-    return f"{cores}, {subprocess.run(query, capture_output=True, text=True, check=True).stdout.strip()}"
+    asked = subprocess.run(query, capture_output=True, text=True)
+    return ", ".join([cores, *asked.stdout.splitlines()]) if asked.returncode == 0 else cores
 
 
 def write(name: str, measured: Mapping[str, Any]) -> None:
     """Write a measurement with its date, machine, and the versions of the simulators and of what plays them."""
-    installed = {package.name.replace("_", "-") for package in metadata.distributions()}
+    installed = {package.name.replace("_", "-") for package in metadata.distributions() if package.name}
     versions = {package: metadata.version(package) for package in PACKAGES if package in installed}
     result = {"date": str(date.today()), "machine": machine(), "versions": versions, **measured}
     WRITTEN.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,6 @@
 """Runs on a machine with a GPU, which also draws: where policies compute, and what that changes in the episodes."""
 
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ COLUMNS = {
     "successes": "{successes} of {episodes}",
     "same outcome as on a core": "{same} of {episodes}",
     "same first state": "{states} of {episodes}",
-    "time": "{seconds:.0f} s",
     "an answer (median)": "{answer_ms:.1f} ms",
     "frames of an episode (mean)": "{frames_s:.2f} s",
 }
@@ -44,13 +42,11 @@ def measure() -> list[dict[str, Any]]:
         with tempfile.TemporaryDirectory() as folder:
             suite, run = Path(folder) / "gpu.yaml", Path(folder) / "run"
             suite.write_text(yaml.safe_dump(plan(name, options)), encoding="utf-8")
-            began = time.monotonic()
             run_suite(suite, run)
-            seconds = time.monotonic() - began
             print(name, read_run(run).render_devices, flush=True)
             frame = open_run(run).episodes([*EPISODE, *TIMES])
         frames.append(frame.assign(place=name))
-        rows.append({"place": title, "seconds": seconds, **compared(frame, frames[0])})
+        rows.append({"place": title, **compared(frame, frames[0])})
     write_episodes("gpu_runs", pd.concat(frames), ["place", "policy", "task", "seed"])
     table_of(rows, COLUMNS)
     return rows

@@ -107,11 +107,7 @@ def run(command: Sequence[str], folder: Path) -> dict[str, float]:
     """
     words = [word if word != "python" else GAUNTLET[0] for word in command]
     paths = [str(Path(__file__).parents[2]), str(Path(__file__).parents[2] / "src")]
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(paths),
-        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1"),
-    }
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OMP_NUM_THREADS": "1"}
     start, own, mapped = time.monotonic(), 0.0, 0.0
     with (folder / "output.txt").open("ab") as output:
         process = subprocess.Popen(words, cwd=folder, env=environment, stdout=output, stderr=output)

@@ -213,6 +213,26 @@ def test_the_table_of_varied_experts_counts_the_committed_episodes():
     assert varied_experts.rows_of(pd.read_parquet(MEASUREMENTS / "varied_experts.parquet")) == rows
 
 
+def test_the_matrix_of_simulators_counts_the_oracles_episodes():
+    rows = json.loads((MEASUREMENTS / "oracles.json").read_text(encoding="utf-8"))["rows"]
+    matrix = (ROOT / "README.md").read_text(encoding="utf-8")
+    for title, name in (("ManiSkill 3", "maniskill"), ("PyBullet (panda-gym)", "pybullet")):
+        played = [row for row in rows if row["task"].startswith(name)]
+        won, every = (sum(row[key] for row in played) for key in ("successes", "episodes"))
+        assert f"| {title} | {len(played)} | all; {won} of {every}" in matrix
+
+
+def test_what_the_page_says_of_answers_on_a_gpu_is_in_the_rows():
+    rows = json.loads((MEASUREMENTS / "gpu_answers.json").read_text(encoding="utf-8"))["rows"]
+    large = {row["batch"]: row for row in rows if "qwen" in row["network"]}
+    page = " ".join((ROOT / "docs/performance.md").read_text(encoding="utf-8").split())
+    alone, core = 1000 / large[1]["gpu"], 1 / large[1]["core"]
+    said = (
+        f"an answer takes {alone:.0f} ms instead of {core:.0f} s, and in batches of 32 there are {large[32]['gpu']:.0f}"
+    )
+    assert said in page
+
+
 def test_the_table_of_runs_on_a_gpu_counts_the_committed_episodes_and_the_page_says_what_they_share():
     rows = json.loads((MEASUREMENTS / "gpu_runs.json").read_text(encoding="utf-8"))["rows"]
     played = pd.read_parquet(MEASUREMENTS / "gpu_runs.parquet")

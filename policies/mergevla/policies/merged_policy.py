@@ -64,6 +64,7 @@ class MergedPolicy:
         The options decide whether the router reads the instruction; the acting expert always does. Raises PolicyError
         if a checkpoint cannot be used, or the router is unknown or was not fitted.
         """
+        device = device_named(options.device)
         checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
         router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
         if options.recipe is not None and options.experts is not None:
@@ -73,7 +74,7 @@ class MergedPolicy:
             parts = merge_parts(experts, options.recipe, checkpoint.metadata.instructions)
         else:
             parts = checkpoint.parts
-        return cls(MergedModel(parts, device=device_named(options.device)), router)
+        return cls(MergedModel(parts, device=device), router)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes without a choice."""

@@ -31,6 +31,7 @@ from robogauntlet.policies.mergevla.network.model import MergeVLA
 from robogauntlet.policies.mergevla.network.model_cache import ModelCache
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import Prompts, Tokenizer, tokenizer_for
+from robogauntlet.policies.mergevla.options import CPU
 from robogauntlet.suites.episode import Episode
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.text import counted
@@ -69,10 +70,10 @@ def observed(queries: Sequence[Query]) -> list[Observation]:
     return observations
 
 
-def device_named(name: str | None = None) -> torch.device:
-    """Return a device, by default the GPU if there is one. Raises PolicyError for a GPU that is not there."""
-    gpus = torch.cuda.device_count()
-    device = torch.device(name or ("cuda" if gpus else "cpu"))
+def device_named(name: str) -> torch.device:
+    """Return a device. Raises PolicyError for a GPU that is not there."""
+    gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    device = torch.device(name)
     if device.type == "cuda" and (device.index or 0) >= gpus:
         raise PolicyError(
             f"device: expected one of {counted(gpus, 'GPU')} that torch {torch.__version__} finds, got {name}"
@@ -139,11 +140,10 @@ def chunks_by(
 class MergeVLAPolicy(StatelessPolicy):
     """Acts by one network, or by the network of the episode's task. Uses one thread, as one worker of many."""
 
-    def __init__(self, checkpoints: Path | Mapping[str, Path], *, device: str | None = None) -> None:
+    def __init__(self, checkpoints: Path | Mapping[str, Path], *, device: str = CPU) -> None:
         """Take one checkpoint for all tasks, or a folder for each task, read when the task first occurs.
 
-        Raises PolicyError if a checkpoint cannot be used, if their specs differ, or without the device, which is by
-        default the GPU if there is one.
+        Raises PolicyError if a checkpoint cannot be used, if their specs differ, or without the device.
         """
         place = device_named(device)
         torch.set_num_threads(1)
