@@ -44,11 +44,11 @@ demo: $(PLAYING)
 	@bash scripts/render_drivers.sh
 	$(BIN)/robogauntlet run mergevla --seeds 10
 
-# Twice as many processes as cores, at most four: tests often wait for processes of their own to start.
+# Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
 test: setup lint
 	@bash scripts/test_tools.sh
 	$(BIN)/python -m pytest -q --dist loadfile --no-loadscope-reorder \
-		-n $$($(BIN)/python -c "import os; print(min(4, 2 * len(os.sched_getaffinity(0))))")
+		-n $$($(BIN)/python -c "import os; print(min(4, len(os.sched_getaffinity(0)) * 3 // 2))")
 
 test-fast: setup
 	$(BIN)/python -m pytest -q -m "not simulator and not ray and not slow"
