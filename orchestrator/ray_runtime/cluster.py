@@ -118,16 +118,18 @@ class Placement:
     def options(self, simulator: Simulator) -> Mapping[str, Any]:
         """Options that put a Ray actor on a node that can open the simulator.
 
-        They are empty if all nodes can, or none: then the actor itself reports why.
+        They are empty if no node lacked it so far, so that the actor may wait for one that joins, and if none can: then
+        the actor itself reports why. A node that lacked it may come back after it is lost, while the actor waits.
         """
         import ray
 
         nodes = [node["NodeID"] for node in ray.nodes() if node["Alive"]]
-        if len(nodes) < 2:
+        if len(nodes) < 2 and not self._reasons:
             return {}
         self._ask([node for node in nodes if (node, simulator.name) not in self._reasons], simulator)
         able = [node for node in nodes if self._reasons[node, simulator.name] is None]
-        return {} if len(able) in (0, len(nodes)) else {"label_selector": {"ray.io/node-id": f"in({','.join(able)})"}}
+        lacking = any(reason for (_, name), reason in self._reasons.items() if name == simulator.name)
+        return {"label_selector": {"ray.io/node-id": f"in({','.join(able)})"}} if able and lacking else {}
 
     def _ask(self, nodes: list[str], simulator: Simulator) -> None:
         import ray

@@ -144,3 +144,22 @@ def test_workers_are_placed_where_their_simulator_can_be_opened(lacking, options
     placement = Placement(EnvironmentResolver())
     assert placement.options(simulator) == placement.options(simulator) == options
     assert asked == ["a", "b", "c"]
+
+
+def test_a_worker_does_not_wait_for_a_lost_node_that_lacked_its_simulator(monkeypatch):
+    """It comes back under another id, and would be taken for one that can."""
+    simulator = catalog.find("null")
+    nodes_without(simulator, "bc", monkeypatch)
+    placement = Placement(EnvironmentResolver())
+    placement.options(simulator)
+    monkeypatch.setattr("ray.nodes", lambda: [{"NodeID": name, "Alive": name == "a"} for name in "abc"])
+    assert placement.options(simulator) == {"label_selector": {"ray.io/node-id": "in(a)"}}
+
+
+def test_a_worker_may_wait_for_any_node_if_none_lacked_its_simulator(monkeypatch):
+    simulator = catalog.find("null")
+    nodes_without(simulator, "", monkeypatch)
+    placement = Placement(EnvironmentResolver())
+    placement.options(simulator)
+    monkeypatch.setattr("ray.nodes", lambda: [{"NodeID": name, "Alive": name == "a"} for name in "abc"])
+    assert placement.options(simulator) == {}
