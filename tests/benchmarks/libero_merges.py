@@ -31,6 +31,7 @@ MERGED = "zoo:libero-merged"
 EXPERTS = "experts"
 WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "none-4": ("four bits each, not merged", {"operator": "none", "masks": "none", "options": {"bits": 4}}),
+    "emr": ("EMR", {"operator": "emr"}),
     "ta-s": ("TA+S", {"operator": "ta"}),
     "ties-published-s": ("TIES+S, top 20 % as published", {"operator": "ties-published"}),
     "ties-s-averaged-trunk": ("TIES+S, averaged trunk", {"operator": "ties", "trunk": "mean"}),

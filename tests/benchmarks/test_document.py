@@ -174,6 +174,8 @@ def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
     averaged = [rate(f"{operator}-s-averaged-trunk") for operator in ("tsv", "ties", "ta")]
     assert f"TSV+S has {averaged[0]}, TIES+S {averaged[1]} and TA+S {averaged[2]}" in page
     assert rate("ta") == "0 %"
+    assert f"of each expert, keeps {rate('emr', 'kept')}**" in page
+    assert f"Of Long it keeps nearly nothing ({rate('emr', 'Long')})" in page
     assert f"of each task vector, has {rate('ties-published-s')} with masks" in page
 
 
