@@ -163,7 +163,8 @@ class PolicyKind:
     tasks: Callable[[], frozenset[str]] | None = None
     """Tasks it can act in (`simulator/task`), or None for all."""
     spec: Callable[[Mapping[str, Any]], PolicySpec] | None = None
-    """Returns the policy's spec under these options, faster than loading does; None to load the policy for it."""
+    """Returns the policy's spec under these options, faster than loading does or without the GPU that it needs; None to
+    load the policy for it."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to its meaning. Other options in a suite are errors."""
     modules: tuple[str, ...] = ()

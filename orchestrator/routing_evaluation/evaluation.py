@@ -21,7 +21,6 @@ from robogauntlet.orchestrator.routing_evaluation.first_observations import List
 from robogauntlet.policies.contract import check_routing
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-from robogauntlet.policies.mergevla.options import CPU
 from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
 from robogauntlet.policies.mergevla.routing.evaluation import (
     LeaveOneOutScores,
@@ -115,7 +114,7 @@ def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingSt
         folder = request.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
         collected = collect_first_observations(tasks, view, request.seeds, folder, listener)
     observations = {task: cache.observations(request.seeds) for task, cache in collected.by_task.items()}
-    model = MergedModel(checkpoint.parts, device=torch.device(CPU))
+    model = MergedModel(checkpoint.parts)
     evaluation = evaluate_routers(
         routers, model, list(chain(*observations.values())), listener=partial(listener, "routing")
     )

@@ -27,7 +27,6 @@ from robogauntlet.suites.episode import content_hash
 
 
 def _checkpoint(options: Mapping[str, Any]) -> str:
-    device_option(NAME, options)
     return text_option(NAME, options, "checkpoint", "a folder or hub id")
 
 
@@ -37,7 +36,7 @@ def _arithmetic(device: str) -> dict[str, str]:
 
 
 def _digest(options: Mapping[str, Any]) -> str:
-    digest, arithmetic = digest_of(_checkpoint(options)), _arithmetic(device_option(NAME, options))
+    arithmetic, digest = _arithmetic(device_option(NAME, options)), digest_of(_checkpoint(options))
     return content_hash({"policy": digest, **arithmetic}) if arithmetic else digest
 
 
@@ -54,7 +53,6 @@ def _files(options: Mapping[str, Any]) -> PolicyFiles:
 
 
 def _folder(options: Mapping[str, Any]) -> Path:
-    device_option(EXPERTS_NAME, options)
     return shipped(text_option(EXPERTS_NAME, options, "folder", "a folder of expert checkpoints"))
 
 
@@ -70,8 +68,8 @@ def _load_experts(options: Mapping[str, Any]) -> Policy:
 
 
 def _experts_digest(options: Mapping[str, Any]) -> str:
-    content = {"policy": EXPERTS_NAME, "experts": _digests(_folder(options))}
-    return content_hash(content | _arithmetic(device_option(EXPERTS_NAME, options)))
+    arithmetic = _arithmetic(device_option(EXPERTS_NAME, options))
+    return content_hash({"policy": EXPERTS_NAME, "experts": _digests(_folder(options)), **arithmetic})
 
 
 def _experts_files(options: Mapping[str, Any]) -> PolicyFiles:

@@ -40,7 +40,7 @@ COLUMNS = {
     "of the experts'": "{kept}",
     "routed right": "{routed}",
     "four bits each, not merged": "{none-4}",
-    "of the experts' ": "{none-4-kept}",
+    "of the experts', four bits": "{none-4-kept}",
     "experts told the variant's name": "{named}",
 }
 

@@ -3,6 +3,7 @@
 import json
 from string import ascii_lowercase
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -172,7 +173,14 @@ def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
     assert f"in Long: {long[0].removesuffix(' %')} and {long[1]} instead of {long[2]}" in page
     assert f"TA+S has {rate('ta-s')} with task vectors in the trunk" in page
     averaged = [rate(f"{operator}-s-averaged-trunk") for operator in ("tsv", "ties", "ta")]
-    assert f"TSV+S has {averaged[0]}, TIES+S {averaged[1]} and TA+S {averaged[2]}" in page
+    paper = [
+        np.mean([int(text) for text in libero_merges.PAPER[f"{operator}-s-averaged-trunk"].split(" / ")])
+        for operator in ("tsv", "ties", "ta")
+    ]
+    assert (
+        f"TSV+S has {averaged[0]}, TIES+S {averaged[1]} and TA+S {averaged[2]}, where the paper has "
+        f"{paper[0]:.0f}, {paper[1]:.0f} and {paper[2]:.0f} %"
+    ) in page
     assert rate("ta") == "0 %"
     assert f"of each expert, keeps {rate('emr', 'kept')}**" in page
     assert f"Of Long it keeps nearly nothing ({rate('emr', 'Long')})" in page

@@ -146,20 +146,12 @@ def test_workers_are_placed_where_their_simulator_can_be_opened(lacking, options
     assert asked == ["a", "b", "c"]
 
 
-def test_a_worker_does_not_wait_for_a_lost_node_that_lacked_its_simulator(monkeypatch):
-    """It comes back under another id, and would be taken for one that can."""
+@pytest.mark.parametrize(("lacking", "options"), [("bc", {"label_selector": {"ray.io/node-id": "in(a)"}}), ("", {})])
+def test_a_worker_waits_for_no_lost_node_that_lacked_its_simulator(lacking, options, monkeypatch):
+    """Such a node comes back under another id, and would be taken for one that can open it."""
     simulator = catalog.find("null")
-    nodes_without(simulator, "bc", monkeypatch)
+    nodes_without(simulator, lacking, monkeypatch)
     placement = Placement(EnvironmentResolver())
     placement.options(simulator)
     monkeypatch.setattr("ray.nodes", lambda: [{"NodeID": name, "Alive": name == "a"} for name in "abc"])
-    assert placement.options(simulator) == {"label_selector": {"ray.io/node-id": "in(a)"}}
-
-
-def test_a_worker_may_wait_for_any_node_if_none_lacked_its_simulator(monkeypatch):
-    simulator = catalog.find("null")
-    nodes_without(simulator, "", monkeypatch)
-    placement = Placement(EnvironmentResolver())
-    placement.options(simulator)
-    monkeypatch.setattr("ray.nodes", lambda: [{"NodeID": name, "Alive": name == "a"} for name in "abc"])
-    assert placement.options(simulator) == {}
+    assert placement.options(simulator) == options
