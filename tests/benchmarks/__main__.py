@@ -32,6 +32,7 @@ LONG = (
         "failure_kinds",
         "libero_frames",
         "libero_oracles",
+        "libero_routers",
     ),
     *("mergevla", "million", "opening", "operators", "paper_size", "readers", "resume", "scale"),
     *("oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),

@@ -63,7 +63,8 @@ def measure() -> list[dict[str, object]]:
         ways[name] = SHIPPED, by_router(name, model, checkpoint.fitted)
     ways |= {name: (SHIPPED, scores) for name, scores in unlabelled(model, first).items()}
     for name, merged in ((SHIPPED, model), (AVERAGED, paper)):
-        ways |= {f"{way} ({name})": (name, scores) for way, scores in paper_routers(merged).items()}
+        paper_ways = paper_routers(merged, "zoo:experts", SUBSPACES)
+        ways |= {f"{way} ({name})": (name, scores) for way, scores in paper_ways.items()}
     rows = []
     for way, (merged_as, scores) in ways.items():
         row = {"router": way.partition(" (")[0], "model": merged_as}
@@ -161,7 +162,7 @@ def unlabelled(model: MergedModel, first: RouterTrainingSet) -> dict[str, Scores
     }
 
 
-def paper_routers(model: MergedModel) -> dict[str, Scores]:
+def paper_routers(model: MergedModel, experts: str, options: Sequence[str]) -> dict[str, Scores]:
     """The paper's router as coded, by the experts' own projections, and as written; hidden states computed once."""
     import torch
 
@@ -171,7 +172,8 @@ def paper_routers(model: MergedModel) -> dict[str, Scores]:
     from robogauntlet.policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
     from robogauntlet.policies.zoo import shipped
 
-    own = {task: load_tensors(folder)[0] for task, folder in expert_folders(shipped("zoo:experts")).items()}
+    folders = {model.expert_of[task]: folder for task, folder in expert_folders(shipped(experts)).items()}
+    own = {expert: load_tensors(folder)[0] for expert, folder in folders.items()}
 
     class Own:
         """The model with the experts' own, unmerged projections."""
@@ -185,9 +187,9 @@ def paper_routers(model: MergedModel) -> dict[str, Scores]:
             return {name: own[expert][f"action_expert.blocks.{block}.{name}.weight"] for name in names}
 
     routers = {}
-    for options in map(SubspaceOptions.read, SUBSPACES):
-        for router, merged in ((PaperCodedRouter(options), Own), (PaperWrittenRouter(options), model)):
-            if not (merged is model and options.block == model.architecture.language.layers - 1):  # the default there
+    for one in map(SubspaceOptions.read, options):
+        for router, merged in ((PaperCodedRouter(one), Own), (PaperWrittenRouter(one), model)):
+            if not (merged is model and one.block == model.architecture.language.layers - 1):  # the default there
                 routers[router.name] = router, merged
     found: dict[bool, dict[str, Tensor]] = {}
 

@@ -15,6 +15,7 @@ from tests.benchmarks import (
     libero_merges,
     libero_oracles,
     libero_plus,
+    libero_routers,
     more_experts,
     more_experts_routing,
     oracles,
@@ -185,6 +186,27 @@ def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
     assert f"of each expert, keeps {rate('emr', 'kept')}**" in page
     assert f"Of Long it keeps nearly nothing ({rate('emr', 'Long')})" in page
     assert f"of each task vector, has {rate('ties-published-s')} with masks" in page
+
+
+def test_what_the_page_of_libero_says_of_routers_is_in_the_rows():
+    rows = json.loads((MEASUREMENTS / "libero_routers.json").read_text(encoding="utf-8"))["rows"]
+    page = " ".join((ROOT / "docs/libero.md").read_text(encoding="utf-8").split())
+    for row in rows:
+        for instruction in ("read", "hidden"):
+            rates = libero_routers.rates_of(instruction, row[f"decisions, {instruction}"])
+            assert {name: row[name] for name in rates} == rates
+    by_router = {row["router"]: row for row in rows}
+    for fitted in ("calibrated", "nearest-centroid"):
+        assert {by_router[fitted][name].partition(" ")[0] for name in ("read", "hidden")} == {"100.0"}
+    paper = [row for row in rows if row["router"].startswith("paper-")]
+    right = [float(row[name].partition(" ")[0]) for row in paper for name in ("read", "hidden")]
+    suites = {row[f"suites, {name}"] for row in paper for name in ("read", "hidden")}
+    assert f"right in {min(right):.0f} to {max(right):.0f} % and in at most {max(suites)} suites" in page
+    labelled = [float(by_router["self-trained"][name].partition(" ")[0]) for name in ("read", "hidden")]
+    assert f"is right in {labelled[0]:.0f} %, and in {labelled[1]:.0f} % without the instruction" in page
+    hidden = by_router["self-trained"]["decisions, hidden"]
+    assert {libero_routers.NAMES[int(choice)] for choice in hidden[60:120]} == {"libero-10"}
+    assert {libero_routers.NAMES[int(choice)] for choice in hidden[120:180]} == {"libero-spatial"}
 
 
 def test_what_the_page_of_liberoplus_says_of_experts_is_in_the_rows():
