@@ -30,6 +30,7 @@ LONG = (
         "crowd",
         "dashboard",
         "failure_kinds",
+        "libero_cost",
         "libero_frames",
         "libero_oracles",
         "libero_routers",
