@@ -39,6 +39,8 @@ _head: ClusterHead | None = None
 _folder: SessionFolder | None = None
 """The folder of the Ray that was started here."""
 _VITAL = ("raylet", "gcs_server")
+_UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
+"""How Ray starts its autoscaler, its copier of logs and its dashboard, which take more than half of the time of a start."""
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
     ("num_gpus", "GPU", "num_gpus", 1),
@@ -144,7 +146,8 @@ def _start(address: str | None, workers: int) -> None:
         options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _STARTED_HERE}
     children = set(psutil.Process().children(recursive=True))
     try:
-        ray.init(address or "local", **options)
+        with _without_unused_parts():
+            ray.init(address or "local", **options)
     except Exception as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
         if address is not None:
             raise
@@ -259,6 +262,20 @@ def _silence() -> Iterator[None]:
         yield
     finally:
         module.print_to_stdstream = before  # type: ignore[attr-defined]
+
+
+@contextlib.contextmanager
+def _without_unused_parts() -> Iterator[None]:
+    """Start only those processes of Ray that a session on one machine needs."""
+    node = _private("node", "Node")
+    before = {name: getattr(node, name) for name in _UNUSED if hasattr(node, name)}
+    for name in before:
+        setattr(node, name, lambda *_, **__: None)
+    try:
+        yield
+    finally:
+        for name, start in before.items():
+            setattr(node, name, start)
 
 
 def _private(module: str, name: str) -> Any:

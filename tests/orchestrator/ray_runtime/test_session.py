@@ -30,23 +30,34 @@ def test_workers_fit_cores_and_memory_and_are_at_least_one(resources, workers, m
 SESSION = """
 import json, os, psutil, ray
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
-from tests.processes import listening_addresses
+from tests.processes import listening_addresses, started_by
 
 before = {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 with ray_session(address=None, workers=1):
     token = os.environ["RAY_AUTH_MODE"]
     listening = listening_addresses(psutil.Process())
+    unused = [name for name in ("monitor.py", "dashboard.py") if started_by(psutil.Process(), name)]
 same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
-print(json.dumps({"mode": token, "listening": sorted(listening), "environment as before": same}))
+found = {"mode": token, "listening": sorted(listening), "unused": unused, "environment as before": same}
+print(json.dumps(found))
 """
 
 
+@pytest.fixture(scope="module")
+def found():
+    """What is seen of a session on this machine."""
+    done = run_process([sys.executable, "-c", SESSION], RAY_AUTH_MODE="disabled")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
 @pytest.mark.ray
-def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(monkeypatch):
-    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
-    done = run_process([sys.executable, "-c", SESSION])
-    answer = json.loads(done.stdout.splitlines()[-1])
-    assert answer == {"mode": "token", "listening": ["127.0.0.1"], "environment as before": True}
+def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(found):
+    assert (found["mode"], found["listening"], found["environment as before"]) == ("token", ["127.0.0.1"], True)
+
+
+@pytest.mark.ray
+def test_ray_of_one_machine_runs_without_autoscaler_log_monitor_and_dashboard(found):
+    assert found["unused"] == []
 
 
 FAILING = """
