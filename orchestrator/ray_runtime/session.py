@@ -40,7 +40,7 @@ _folder: SessionFolder | None = None
 """The folder of the Ray that was started here."""
 _VITAL = ("raylet", "gcs_server")
 _UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
-"""How Ray starts its autoscaler, its copier of logs and its dashboard, which take more than half of the time of a start."""
+"""How Ray starts its autoscaler, its copier of logs and its dashboard: more than half of the time of a start."""
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
     ("num_gpus", "GPU", "num_gpus", 1),

@@ -8,7 +8,7 @@ so that the same command continues.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ EXPERTS = "zoo:libero-experts"
 SUITES = {"spatial": "Spatial", "object": "Object", "goal": "Goal", "10": "Long"}
 STATES = 10
 """Stored states of each task, from the first on."""
+RUN_STATES = 10
+"""States in one run: what was played stays valid when `STATES` grows."""
 EPISODE = ("policy", "task", "seed", "axis", "status")
 TITLES = {
     ("oracle", "clean"): "oracle",
@@ -54,9 +56,7 @@ def played_experts(folder: Path) -> Iterator[pd.DataFrame]:
     for suite in SUITES:
         experts = {"experts": {"kind": "mergevla", "options": {"checkpoint": f"{EXPERTS}/libero-{suite}"}}}
         conditions = ["clean", *(axis for axis in CONTROLS if suite == "goal" or axis != "wrong-goal")]
-        yield play_policies(
-            folder, f"experts-{suite}", experts, tasks_of(suite), STATES, EPISODE, conditions=conditions
-        )
+        yield played(folder, f"experts-{suite}", experts, tasks_of(suite), EPISODE, conditions)
 
 
 def played_baselines(folder: Path) -> Iterator[pd.DataFrame]:
@@ -64,13 +64,29 @@ def played_baselines(folder: Path) -> Iterator[pd.DataFrame]:
     for suite in SUITES:
         replay = {"kind": "replay", "options": {"demonstrations": str(folder / "replays" / suite)}}
         policies: dict[str, dict[str, Any]] = {"oracle": {"kind": "oracle"}, "replay": replay}
-        yield play_policies(folder, f"baselines-{suite}", policies, tasks_of(suite), STATES, EPISODE)
+        yield played(folder, f"baselines-{suite}", policies, tasks_of(suite), EPISODE)
 
 
 def played_control(folder: Path) -> pd.DataFrame:
     """Play Goal's expert on a base of random weights: a row per episode."""
     control = {"random-base": {"kind": "mergevla", "options": {"checkpoint": str(folder / "random" / "libero-goal")}}}
-    return play_policies(folder, "random-base", control, tasks_of("goal"), STATES, EPISODE)
+    return played(folder, "random-base", control, tasks_of("goal"), EPISODE)
+
+
+def played(
+    folder: Path,
+    name: str,
+    policies: Mapping[str, Mapping[str, Any]],
+    tasks: Sequence[str],
+    columns: Sequence[str],
+    conditions: Sequence[str] = ("clean",),
+) -> pd.DataFrame:
+    """Play policies on the stored states of tasks, or what the folder lacks of it: a row per episode."""
+    runs = {first: f"{name}-from-{first}" if first else name for first in range(0, STATES, RUN_STATES)}
+    return pd.concat(
+        play_policies(folder, run, policies, tasks, RUN_STATES, columns, conditions, first)
+        for first, run in runs.items()
+    )
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:

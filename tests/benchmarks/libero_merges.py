@@ -15,16 +15,16 @@ from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from tests.benchmarks.document import write_episodes
 from tests.benchmarks.libero_experts import EXPERTS as ZOO
 from tests.benchmarks.libero_experts import (
-    STATES,
     SUITES,
     by_suite,
     folder_of_experts,
+    played,
     played_experts,
     suite_of,
     tasks_of,
 )
 from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import merged_policy, play_policies, table_of
+from tests.benchmarks.shared import merged_policy, table_of
 
 MERGED = "zoo:libero-merged"
 """Two bits of magnitudes, and the routers of all ways."""
@@ -76,7 +76,7 @@ def measure() -> list[dict[str, object]]:
     for name, (_, options) in ROUTED.items():
         policies[name] = merged_policy(MERGED, "calibrated", **options)
     frames = [clean[clean.axis == "clean"] for clean in played_experts(folder)]
-    frames += [play_policies(folder, name, {name: policy}, tasks, STATES, EPISODE) for name, policy in policies.items()]
+    frames += [played(folder, name, {name: policy}, tasks, EPISODE) for name, policy in policies.items()]
     frame = pd.concat(frames)
     write_episodes("libero_merges", frame, ("policy", "task", "seed"))
     rows = rows_of(frame)

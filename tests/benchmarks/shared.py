@@ -97,8 +97,9 @@ def play_policies(
     seeds: int,
     columns: Sequence[str],
     conditions: Sequence[str] = ("clean",),
+    first: int = 0,
 ) -> pd.DataFrame:
-    """Play policies (name to kind and options) on the first seeds of tasks, or what is missing of it in the folder.
+    """Play policies (name to kind and options) on seeds of tasks from `first` on, or what the folder lacks of it.
 
     Returns:
         A row per episode with these columns.
@@ -107,7 +108,7 @@ def play_policies(
         "name": re.sub(r"\W", "-", name.lower()),
         "policies": [{"name": policy, **options} for policy, options in policies.items()],
         "tasks": list(tasks),
-        "seeds": {"count": seeds},
+        "seeds": {"start": first, "count": seeds},
         "image_size": 96,
         "render_profile": "fast-2",
         "conditions": list(conditions),
