@@ -6,6 +6,8 @@ PLAYING := $(VENV)/.playing
 STAMP := $(VENV)/.installed
 PIP_AUDIT := 2.10.1
 export OMP_NUM_THREADS ?= 1
+# Tests start hundreds of commands, each of which would compile what it imports again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup demo test test-fast test-lerobot lint docs dist audit bench fuzz chaos report zoo clean
 
