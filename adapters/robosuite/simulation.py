@@ -137,8 +137,8 @@ class RobosuiteSimulation(MujocoSimulation):
         command = np.clip(action, spec.low, spec.high) / spec.high
         self._control.step(command)
         reward = self._reward()
-        # The sparse reward is 1 where the task's predicate holds, else 0, so the predicate is computed once.
-        return StepOutcome(reward=reward, success=reward > 0.0)
+        # The sparse reward is 1 where the task's predicate holds, else the share of objects that are in their places.
+        return StepOutcome(reward=reward, success=reward >= 1.0)
 
     def _measured_bounds(self, largest: FloatArray) -> tuple[float, float]:
         """Return the largest translation (m) and rotation (rad) of a step in steady motion, by those of the goal.
@@ -186,7 +186,8 @@ class RobosuiteSimulation(MujocoSimulation):
         Lift: `cube_*`. Stack: `cubeA_*` (red, to be put on) and `cubeB_*` (green). Door: `door_*` and `latch_*` (the
         two bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above
         0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad. PickPlace: `can_*` and so on, and `goal_*`
-        (its place in the bin). NutAssembly: `nut_*` (the middle of the hole) and `peg_*`.
+        (its place in the bin). NutAssembly: `nut_*` (the middle of the hole) and `peg_*`. Where there are several, each
+        has its own: `can_goal_*`, `square_nut_*`, `square_peg_*` and so on.
         """
         state = self.arm_state() | self._poses({name: p for name, p in self._places.items() if name != "tcp"})
         return state | {name: joint.qpos.copy() for name, joint in self._angles.items()}

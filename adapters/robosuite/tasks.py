@@ -45,6 +45,8 @@ WITH_PANDA = {
     **WITH_ANY_ARM,
     **{f"PickPlace{name}": _pick_place(name) for name in GOODS},
     **{f"NutAssembly{name}": _nut_assembly(name) for name in NUTS},
+    "PickPlace": TaskDescription("put all four objects into their compartments of the bin", 1000, fixed=_IN_BINS),
+    "NutAssembly": TaskDescription("put both nuts on their pegs", 600, fixed=_AT_PEGS),
 }
 TASKS = {name: replace(description, robot=PANDA) for name, description in WITH_PANDA.items()} | {
     name_with(task, arm): replace(
@@ -90,4 +92,12 @@ PARTS = {
     **{
         f"NutAssembly{name}": Parts(bodies={"nut": f"{name}Nut_main"}, marks={"peg": peg}) for name, peg in NUTS.items()
     },
+    "PickPlace": Parts(
+        bodies={name.lower(): f"{name}_main" for name in GOODS},
+        marks={f"{name.lower()}_goal": f"Visual{name}_main" for name in GOODS},
+    ),
+    "NutAssembly": Parts(
+        bodies={f"{name.lower()}_nut": f"{name}Nut_main" for name in NUTS},
+        marks={f"{name.lower()}_peg": peg for name, peg in NUTS.items()},
+    ),
 }

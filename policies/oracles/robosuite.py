@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -177,18 +177,20 @@ class PickPlace:
 
     clearance = 0.18
     """Height above its place at which the object is carried (m)."""
+    slope = 4.0
+    """Descent towards the place, for each metre."""
     reach = 0.79
     """Distance from the base at which the arm can still be steered (m)."""
 
-    def __init__(self, name: str, width: float, above: float) -> None:
-        """Take the object's name, its narrow side, and the height of the grasp above its centre (m)."""
-        self._name, self._width, self._above = name, width, above
+    def __init__(self, name: str, width: float, above: float, goal: str = "goal") -> None:
+        """Take the names of object and place, its narrow side, and the height of the grasp above its centre (m)."""
+        self._name, self._width, self._above, self._goal = name, width, above, f"{goal}_position"
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
         centre, tcp = state[f"{self._name}_position"], state["tcp_position"]
         yaw = across(state, f"{self._name}_quaternion")
-        goal = state["goal_position"].copy()
+        goal = state[self._goal].copy()
         goal[:2] = limit(goal[:2], self.reach)  # Still within its compartment.
         to_goal = goal - centre
         lateral = float(np.linalg.norm(to_goal[:2]))
@@ -197,9 +199,15 @@ class PickPlace:
         grip = centre + self._above * UP
         if not gripped(state, grip, self._width):
             return grasp_at(state, grip, yaw, self._width)
-        to_goal[2] += min(self.clearance, 4.0 * max(0.0, lateral - 0.02))
+        to_goal[2] += min(self.clearance, self.slope * max(0.0, lateral - 0.02))
         to_goal[:2] *= float(np.clip(1.0 - (to_goal[2] - 0.03) / 0.05, 0.0, 1.0))
         return go(state, tcp + to_goal, CLOSED, pointing_down(yaw))
+
+
+class PickPlaceOver(PickPlace):
+    """The same, carried over other objects: higher, and lower where the arm is stretched."""
+
+    clearance, slope = 0.28, 1.2
 
 
 class NutAssembly:
@@ -209,23 +217,77 @@ class NutAssembly:
     """Width of the handle, distance of the grasp from the middle of the hole (m)."""
     clearance = 0.12
 
+    def __init__(self, nut: str = "nut", peg: str = "peg") -> None:
+        """Take the names of the nut and of its peg."""
+        self._nut, self._turn, self._peg = f"{nut}_position", f"{nut}_quaternion", f"{peg}_position"
+
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        nut, tcp = state["nut_position"], state["tcp_position"]
-        handle = nut + Rotation.from_quat(state["nut_quaternion"]).apply([self.reach, 0.0, 0.0])
-        yaw = across(state, "nut_quaternion")
-        to_peg = state["peg_position"] - nut
+        nut, tcp = state[self._nut], state["tcp_position"]
+        handle = nut + Rotation.from_quat(state[self._turn]).apply([self.reach, 0.0, 0.0])
+        yaw = across(state, self._turn)
+        to_peg = state[self._peg] - nut
         lateral = float(np.linalg.norm(to_peg[:2]))
         if lateral < 0.015 and to_peg[2] > -0.06:
             return go(state, tcp + (0.05 * UP if opened(state, self.width) else 0.0), OPEN, pointing_down(yaw))
         if not gripped(state, handle, self.width):
             return grasp_at(state, handle, yaw, self.width)
-        turned = yaw_of(state["nut_quaternion"])
+        turned = yaw_of(state[self._turn])
         # The peg is square, and too far away to be reached by a handle that points away from the robot.
         straight = min((_wrapped(turned - goal) for goal in (-np.pi / 2, np.pi / 2, np.pi)), key=abs)
         to_peg[2] += min(self.clearance, max(0.0, 20.0 * (lateral - 0.004), 0.5 * (abs(straight) - 0.05)))
         to_peg[:2] *= float(np.clip(1.0 - (to_peg[2] - 0.02) / 0.03, 0.0, 1.0))
         return go(state, tcp + to_peg, CLOSED, pointing_down(tool_yaw(state) - straight))
+
+
+class OneByOne:
+    """Brings several objects to their goals, each by its script: the one in the gripper, else the one with most room.
+
+    From a goal the arm is drawn in before it reaches for the next object: stretched, it cannot turn to it, nor keep the
+    gripper vertical on the way.
+    """
+
+    near, away = np.array([0.08, 0.1, 0.06]), 0.1
+    """Distance from the goal within which an object is there, along x, y, z, and that of the tool from it then (m)."""
+    carried = 0.03
+    """Height above the goal from which an object is in the gripper (m)."""
+    stretched, drawn_in, tilted = 0.6, 0.42, 0.2
+    """Horizontal distances of the tool from the base (m), and its angle from the vertical (rad)."""
+
+    def __init__(self, scripts: Mapping[tuple[str, str], Script]) -> None:
+        """Take the script of each object and goal, by their names."""
+        self._scripts = scripts
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        waiting: list[tuple[FloatArray, Script]] = []
+        reached: list[FloatArray] = []
+        for (name, goal), script in self._scripts.items():
+            place, end = state[f"{name}_position"], state[f"{goal}_position"]
+            there = bool(np.all(np.abs(place - end) < self.near))
+            if (there and distance(state, place) < self.away) or place[2] > end[2] + self.carried:
+                return script(state)
+            if there:
+                reached.append(end)
+            else:
+                waiting.append((place, script))
+        tcp, turn = state["tcp_position"], Rotation.from_quat(state["tcp_quaternion"])
+        upright = pointing_down(tool_yaw(state))
+        if not waiting:
+            return go(state, tcp, OPEN, upright)
+        place, script = max(waiting, key=lambda one: room(one[0], [other for other, _ in waiting]))
+        radius = float(np.linalg.norm(tcp[:2]))
+        from_goal = any(distance(state, end) < distance(state, place) for end in reached)
+        tilted = bool(reached) and -turn.apply(UP)[2] < np.cos(self.tilted)
+        if (from_goal and radius > self.stretched) or (tilted and radius > self.drawn_in):
+            return go(state, np.array([*(0.8 * self.drawn_in / radius * tcp[:2]), place[2] + 0.2]), OPEN, turn)
+        return go(state, tcp, OPEN, upright) if tilted else script(state)
+
+
+def room(place: FloatArray, places: Sequence[FloatArray]) -> float:
+    """Return the horizontal distance to the nearest other one of the places (m)."""
+    distances = [float(np.linalg.norm((place - other)[:2])) for other in places if other is not place]
+    return min(distances, default=np.inf)
 
 
 def _wrapped(angle: float) -> float:
@@ -260,14 +322,26 @@ def grasp_at(state: State, place: FloatArray, yaw: float, width: float) -> Float
     return go(state, target, OPEN, pointing_down(yaw))
 
 
+GRASPS = {"cereal": (0.03, 0.045), "milk": (0.04, 0.05), "can": (0.052, 0.015), "bread": (0.04, 0.015)}
+"""Objects of PickPlace to their narrow sides and heights of the grasp (m)."""
+
+
+def _pick_place() -> Script:
+    return OneByOne({(name, f"{name}_goal"): PickPlaceOver(name, *how, f"{name}_goal") for name, how in GRASPS.items()})
+
+
+def _nut_assembly() -> Script:
+    pairs = [(f"{shape}_nut", f"{shape}_peg") for shape in ("square", "round")]
+    return OneByOne({pair: NutAssembly(*pair) for pair in pairs})
+
+
 BY_TASK: dict[str, Callable[[], Script]] = {
     "Lift": Lift,
     "Stack": Stack,
     "Door": Door,
-    "PickPlaceCan": partial(PickPlace, "can", 0.052, 0.015),
-    "PickPlaceMilk": partial(PickPlace, "milk", 0.04, 0.05),
-    "PickPlaceBread": partial(PickPlace, "bread", 0.04, 0.015),
-    "PickPlaceCereal": partial(PickPlace, "cereal", 0.03, 0.045),
+    "PickPlace": _pick_place,
+    "NutAssembly": _nut_assembly,
+    **{f"PickPlace{name.capitalize()}": partial(PickPlace, name, *how) for name, how in GRASPS.items()},
     "NutAssemblySquare": NutAssembly,
     "NutAssemblyRound": NutAssembly,
 }
