@@ -247,16 +247,14 @@ class OneByOne:
     gripper vertical on the way.
     """
 
-    near, away = np.array([0.08, 0.1, 0.06]), 0.1
-    """Distance from the goal within which an object is there, along x, y, z, and that of the tool from it then (m)."""
-    carried = 0.03
-    """Height above the goal from which an object is in the gripper (m)."""
+    away, carried = 0.1, 0.03
+    """Distance of the tool from an object that it has left, and height above the goal of one that it carries (m)."""
     stretched, drawn_in, tilted = 0.6, 0.42, 0.2
     """Horizontal distances of the tool from the base (m), and its angle from the vertical (rad)."""
 
-    def __init__(self, scripts: Mapping[tuple[str, str], Script]) -> None:
-        """Take the script of each object and goal, by their names."""
-        self._scripts = scripts
+    def __init__(self, scripts: Mapping[tuple[str, str], Script], near: tuple[float, float, float]) -> None:
+        """Take the script of each object and goal, by their names, and how near they are at the end, by axis (m)."""
+        self._scripts, self._near = scripts, near
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
@@ -264,7 +262,7 @@ class OneByOne:
         reached: list[FloatArray] = []
         for (name, goal), script in self._scripts.items():
             place, end = state[f"{name}_position"], state[f"{goal}_position"]
-            there = bool(np.all(np.abs(place - end) < self.near))
+            there = bool(np.all(np.abs(place - end) < self._near))
             if (there and distance(state, place) < self.away) or place[2] > end[2] + self.carried:
                 return script(state)
             if there:
@@ -327,12 +325,13 @@ GRASPS = {"cereal": (0.03, 0.045), "milk": (0.04, 0.05), "can": (0.052, 0.015), 
 
 
 def _pick_place() -> Script:
-    return OneByOne({(name, f"{name}_goal"): PickPlaceOver(name, *how, f"{name}_goal") for name, how in GRASPS.items()})
+    goods = {(name, f"{name}_goal"): PickPlaceOver(name, *how, f"{name}_goal") for name, how in GRASPS.items()}
+    return OneByOne(goods, near=(0.08, 0.1, 0.06))
 
 
 def _nut_assembly() -> Script:
     pairs = [(f"{shape}_nut", f"{shape}_peg") for shape in ("square", "round")]
-    return OneByOne({pair: NutAssembly(*pair) for pair in pairs})
+    return OneByOne({pair: NutAssembly(*pair) for pair in pairs}, near=(0.025, 0.025, 0.06))
 
 
 BY_TASK: dict[str, Callable[[], Script]] = {

@@ -10,6 +10,6 @@ pytestmark = pytest.mark.simulator
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
-@pytest.mark.parametrize("task", WITH_PANDA)
+@pytest.mark.parametrize("task", sorted(set(WITH_PANDA) - {"PickPlace"}))
 def test_the_oracle_succeeds_within_the_horizon(task, noise):
     assert None not in steps_to_success(SIMULATOR, task, range(4), noise=noise)
