@@ -40,7 +40,7 @@ _folder: SessionFolder | None = None
 """The folder of the Ray that was started here."""
 _VITAL = ("raylet", "gcs_server")
 _UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
-"""How Ray starts its autoscaler, its copier of logs and its dashboard: more than half of the time of a start."""
+"""How Ray starts its autoscaler, its copier of logs and the server of its dashboard, which nothing here asks."""
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
     ("num_gpus", "GPU", "num_gpus", 1),
@@ -266,9 +266,13 @@ def _silence() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_unused_parts() -> Iterator[None]:
-    """Start only those processes of Ray that a session on one machine needs."""
-    node = _private("node", "Node")
-    before = {name: getattr(node, name) for name in _UNUSED if hasattr(node, name)}
+    """Start only those processes of Ray that a session on one machine needs.
+
+    Where Ray's dashboard is installed, its agent would look for its server every second.
+    """
+    node, missing = _private("node", "Node"), _private("utils", "get_dashboard_dependency_error")
+    unused = _UNUSED if missing is not None and missing() is not None else _UNUSED[:-1]
+    before = {name: getattr(node, name) for name in unused if hasattr(node, name)}
     for name in before:
         setattr(node, name, lambda *_, **__: None)
     try:

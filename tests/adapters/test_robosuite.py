@@ -156,3 +156,17 @@ def test_fast_2_draws_a_robot_of_fewer_triangles_that_looks_and_moves_the_same()
         differences = np.abs(images[0][camera].astype(int) - images[1][camera]).max(axis=2)
         assert 0 < (differences > 8).mean() < 0.03
     assert states[0] == states[1]
+
+
+def test_a_task_of_several_objects_succeeds_when_all_are_in_their_places():
+    simulation = SIMULATOR.open("NutAssembly", View(image_size=32, render_profile=RenderProfile.FAST))
+    simulation.reset(0)
+    found = []
+    for nut, peg in (("SquareNut", "peg1"), ("RoundNut", "peg2")):
+        joint = simulation._data.joint(f"{nut}_joint0")
+        joint.qpos[:3] = simulation._data.body(peg).xpos
+        joint.qvel[:] = 0.0
+        outcome = simulation.step(np.zeros(7))
+        found.append((outcome.reward, outcome.success))
+    simulation.close()
+    assert found == [(0.5, False), (1.0, True)]

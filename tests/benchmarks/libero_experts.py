@@ -84,7 +84,7 @@ def played(
     """Play policies on the stored states of tasks, or what the folder lacks of it: a row per episode."""
     runs = {first: f"{name}-from-{first}" if first else name for first in range(0, STATES, RUN_STATES)}
     return pd.concat(
-        play_policies(folder, run, policies, tasks, RUN_STATES, columns, conditions, first)
+        play_policies(folder, run, policies, tasks, min(RUN_STATES, STATES - first), columns, conditions, first)
         for first, run in runs.items()
     )
 

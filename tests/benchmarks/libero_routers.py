@@ -14,7 +14,7 @@ from robogauntlet.suites.episode import RenderProfile, View
 from tests.benchmarks.document import WRITTEN
 from tests.benchmarks.libero_experts import EXPERTS, STATES, SUITES, tasks_of
 from tests.benchmarks.libero_merges import MERGED
-from tests.benchmarks.routers import AVERAGED, SHIPPED, by_router, interval, paper_routers
+from tests.benchmarks.routers import AVERAGED, SHIPPED, averaged_merge, by_router, interval, paper_routers
 from tests.benchmarks.shared import table_of
 
 if TYPE_CHECKING:
@@ -31,20 +31,13 @@ def measure() -> list[dict[str, object]]:
     import torch
 
     from robogauntlet.orchestrator.routing_evaluation.first_observations import collect_first_observations
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
     from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.merging.recipe import Recipe, TrunkRule
-    from robogauntlet.policies.mergevla.options import expert_folders
-    from robogauntlet.policies.zoo import shipped
 
     torch.set_num_threads(1)
     checkpoint = load_merged(MERGED)
     model = MergedModel(checkpoint.parts)
     assert list(model.experts) == NAMES
-    averaged = Recipe(operator="ta", trunk=TrunkRule.MEAN, kept_blocks=1)
-    folders = dict.fromkeys(expert_folders(shipped(EXPERTS)).values())
-    paper = MergedModel(merge_parts(read_experts(folders), averaged))
     view = View(model.architecture.cameras, model.architecture.image_size, RenderProfile.FAST_2)
     every, seeds = [task for suite in SUITES for task in tasks_of(suite)], range(STATES)
     caches = collect_first_observations(every, view, seeds, WRITTEN / "first_observations", print).by_task
@@ -52,7 +45,7 @@ def measure() -> list[dict[str, object]]:
     ways: dict[str, tuple[str, Scores]] = {}
     for name in ("calibrated", "nearest-centroid", "instruction-match", "delta-energy", "self-trained", "random"):
         ways[name] = SHIPPED, by_router(name, model, checkpoint.fitted)
-    for title, merged in ((SHIPPED, model), (AVERAGED, paper)):
+    for title, merged in ((SHIPPED, model), (AVERAGED, averaged_merge(EXPERTS))):
         routers = paper_routers(merged, EXPERTS, OPTIONS)
         ways |= {f"{name} ({title})": (title, scores) for name, scores in routers.items()}
     rows = []
@@ -68,9 +61,14 @@ def measure() -> list[dict[str, object]]:
     return rows
 
 
+def suites_of(decisions: Sequence[str]) -> list[str]:
+    """The suite of each decision: all have equally many."""
+    return [suite for suite in SUITES for _ in range(len(decisions) // len(SUITES))]
+
+
 def rates_of(instruction: str, decisions: Sequence[str]) -> dict[str, str]:
     """Share of right decisions with Wilson's interval and suite by suite, and if the first of each suite decides."""
-    suites = [suite for suite in SUITES for _ in range(len(tasks_of(suite)) * STATES)]
+    suites = suites_of(decisions)
     right = [NAMES[int(choice)] == f"libero-{suite}" for choice, suite in zip(decisions, suites, strict=True)]
     own = {suite: [one for one, its in zip(right, suites, strict=True) if its == suite] for suite in SUITES}
     each = " / ".join(f"{100 * sum(one) / len(one):.0f}" for one in own.values())

@@ -44,18 +44,12 @@ def measure() -> list[dict[str, object]]:
     """Route first observations of all nine tasks by every router and idea, on the shipped merge and the paper's."""
     import torch
 
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
     from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.merging.recipe import Recipe, TrunkRule
-    from robogauntlet.policies.mergevla.options import expert_folders
-    from robogauntlet.policies.zoo import shipped
 
     torch.set_num_threads(1)
     checkpoint = load_merged("zoo:merged")
-    model = MergedModel(checkpoint.parts)
-    averaged = Recipe(operator="ta", trunk=TrunkRule.MEAN, kept_blocks=1)
-    paper = MergedModel(merge_parts(read_experts(expert_folders(shipped("zoo:experts")).values()), averaged))
+    model, paper = MergedModel(checkpoint.parts), averaged_merge("zoo:experts")
     first = first_of_demonstrations(model)
     seen = list(chain(*observed(model.experts, EXPERT_VIEW).values()))
     ways: dict[str, tuple[str, Scores]] = {}
@@ -75,6 +69,19 @@ def measure() -> list[dict[str, object]]:
     names = {"model": "model", "instruction read": "read", "hidden": "hidden", "hidden, one scene": "one scene, hidden"}
     table_of(rows, {"router": "{router}"} | {heading: f"{{{name}}}" for heading, name in names.items()})
     return rows
+
+
+def averaged_merge(experts: str) -> MergedModel:
+    """The paper's merge of the zoo's experts: task arithmetic with masks, and the mean of their trunks."""
+    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.merging.recipe import Recipe, TrunkRule
+    from robogauntlet.policies.mergevla.options import expert_folders
+    from robogauntlet.policies.zoo import shipped
+
+    folders = dict.fromkeys(expert_folders(shipped(experts)).values())
+    recipe = Recipe(operator="ta", trunk=TrunkRule.MEAN, kept_blocks=1)
+    return MergedModel(merge_parts(read_experts(folders), recipe))
 
 
 def row_of(

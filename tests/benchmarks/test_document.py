@@ -201,12 +201,19 @@ def test_what_the_page_of_libero_says_of_routers_is_in_the_rows():
     paper = [row for row in rows if row["router"].startswith("paper-")]
     right = [float(row[name].partition(" ")[0]) for row in paper for name in ("read", "hidden")]
     suites = {row[f"suites, {name}"] for row in paper for name in ("read", "hidden")}
-    assert f"right in {min(right):.0f} to {max(right):.0f} % and in at most {max(suites)} suites" in page
+    assert f"merge, {min(right):.0f} to {max(right):.0f} % are right, and at most {max(suites)} suites; chance" in page
+    values = [row[f"decisions, {name}"] for row in paper if ":" not in row["router"] for name in ("read", "hidden")]
+    most = min(max(map(one.count, one)) / len(one) for one in values)
+    assert f"that expert gets at least {100 * most:.0f} % of them" in page
+    energy = [round(float(by_router["delta-energy"][name].split()[0])) for name in ("read", "hidden")]
+    assert f"`delta-energy` is right in {energy[0]} and {energy[1]} %" in page
     labelled = [float(by_router["self-trained"][name].partition(" ")[0]) for name in ("read", "hidden")]
     assert f"is right in {labelled[0]:.0f} %, and in {labelled[1]:.0f} % without the instruction" in page
     hidden = by_router["self-trained"]["decisions, hidden"]
-    assert {libero_routers.NAMES[int(choice)] for choice in hidden[60:120]} == {"libero-10"}
-    assert {libero_routers.NAMES[int(choice)] for choice in hidden[120:180]} == {"libero-spatial"}
+    given: dict[str, set[str]] = {}
+    for suite, choice in zip(libero_routers.suites_of(hidden), hidden, strict=True):
+        given.setdefault(suite, set()).add(libero_routers.NAMES[int(choice)])
+    assert (given["object"], given["goal"]) == ({"libero-10"}, {"libero-spatial"})
 
 
 def test_what_the_page_of_liberoplus_says_of_experts_is_in_the_rows():
@@ -248,10 +255,13 @@ def test_the_table_of_varied_experts_counts_the_committed_episodes():
 def test_the_matrix_of_simulators_counts_the_oracles_episodes():
     rows = json.loads((MEASUREMENTS / "oracles.json").read_text(encoding="utf-8"))["rows"]
     matrix = (ROOT / "README.md").read_text(encoding="utf-8")
-    for title, name in (("ManiSkill 3", "maniskill"), ("PyBullet (panda-gym)", "pybullet")):
+    robosuite = "[robosuite 1.5](docs/robosuite.md)"
+    for title, name in (("ManiSkill 3", "maniskill"), ("PyBullet (panda-gym)", "pybullet"), (robosuite, "robosuite")):
         played = [row for row in rows if row["task"].startswith(name)]
-        won, every = (sum(row[key] for row in played) for key in ("successes", "episodes"))
-        assert f"| {title} | {len(played)} | all; {won} of {every}" in matrix
+        won, every = (f"{sum(row[key] for row in played):,}" for key in ("successes", "episodes"))
+        tasks = f"{len({row['task'].partition('@')[0] for row in played})}"
+        tasks += ", three of them with six arms" if title == robosuite else ""
+        assert f"| {title} | {tasks} | all; {won} of {every}" in matrix
 
 
 def test_what_the_page_says_of_answers_on_a_gpu_is_in_the_rows():

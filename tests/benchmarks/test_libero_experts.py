@@ -28,6 +28,19 @@ def test_an_error_counts_neither_as_success_nor_as_failure():
     assert row["all"] == "50 % [22, 78]"
 
 
+def test_more_states_are_runs_beside_those_that_were_played(monkeypatch, tmp_path):
+    runs = []
+
+    def play(folder, run, policies, tasks, seeds, columns, conditions, first):
+        runs.append((run, first, seeds))
+        return pd.DataFrame()
+
+    monkeypatch.setattr(libero_experts, "play_policies", play)
+    monkeypatch.setattr(libero_experts, "STATES", 15)
+    libero_experts.played(tmp_path, "experts", {}, [], [])
+    assert runs == [("experts", 0, 10), ("experts-from-10", 10, 5)]
+
+
 def test_a_merge_is_compared_with_the_experts_where_both_have_an_outcome():
     merges = {"none-4": ["success", "success", "error"]}
     rows = libero_merges.rows_of(frame(experts=["success", "error", "success"], **merges))
