@@ -29,15 +29,21 @@ from tests.benchmarks.shared import merged_policy, table_of
 MERGED = "zoo:libero-merged"
 """Two bits of magnitudes, and the routers of all ways."""
 EXPERTS = "experts"
+OPERATORS = {"ta": "TA", "ties": "TIES", "tsv": "TSV", "knots": "KnOTS", "wudi": "WUDI"}
 WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "none-4": ("four bits each, not merged", {"operator": "none", "masks": "none", "options": {"bits": 4}}),
     "emr": ("EMR", {"operator": "emr"}),
+    "ties-s": ("TIES+S", {"operator": "ties"}),
+    "knots-s": ("KnOTS+S", {"operator": "knots"}),
     "ta-s": ("TA+S", {"operator": "ta"}),
+    "wudi-s": ("WUDI+S", {"operator": "wudi"}),
+    "tsv-s": ("TSV+S", {"operator": "tsv"}),
     "ties-published-s": ("TIES+S, top 20 % as published", {"operator": "ties-published"}),
     "ties-s-averaged-trunk": ("TIES+S, averaged trunk", {"operator": "ties", "trunk": "mean"}),
     "ta-s-averaged-trunk": ("TA+S, averaged trunk", {"operator": "ta", "trunk": "mean"}),
     "tsv-s-averaged-trunk": ("TSV+S, averaged trunk", {"operator": "tsv", "trunk": "mean"}),
-    "ta": ("TA, no masks", {"operator": "ta", "masks": "none"}),
+    "mean": ("mean, no masks", {"operator": "mean", "masks": "none"}),
+    **{name: (f"{title}, no masks", {"operator": name, "masks": "none"}) for name, title in OPERATORS.items()},
 }
 """Names, titles and recipes. All keep the deepest block and the output layer of each expert's action expert."""
 ROUTED: dict[str, tuple[str, dict[str, Any]]] = {
