@@ -156,6 +156,7 @@ def test_what_the_page_of_libero_says_of_standard_images_and_more_steps_is_in_th
     assert set(rows.groupby("check").size()) == {60}
     assert f"solves {count['standard']} of 60, the wine bottle {len(bottle)} of 10" in page
     assert f"solved {count['steps-15000']} of 60 such placements, after 6,000 {count['steps-6000']}" in page
+    assert f"with a hundred of each task it solved {count['demonstrations-100']}" in page
 
 
 def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
@@ -172,7 +173,12 @@ def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
     assert f"keep {rate(two, 'kept')} of the experts' success, four bits each {rate(four, 'kept')}" in page
     long = [rate(policy, "Long") for policy in (two, four, "experts")]
     assert f"in Long: {long[0].removesuffix(' %')} and {long[1]} instead of {long[2]}" in page
-    assert f"TA+S has {rate('ta-s')} with task vectors in the trunk" in page
+    vectors = {name: rate(f"{name}-s") for name in ("ties", "knots", "ta", "wudi", "tsv")}
+    assert vectors["knots"] == vectors["ta"]
+    assert (
+        f"TIES+S has {vectors['ties']}, KnOTS+S and TA+S {vectors['ta']}, WUDI+S {vectors['wudi']} and TSV+S "
+        f"{vectors['tsv']}"
+    ) in page
     averaged = [rate(f"{operator}-s-averaged-trunk") for operator in ("tsv", "ties", "ta")]
     paper = [
         np.mean([int(text) for text in libero_merges.PAPER[f"{operator}-s-averaged-trunk"].split(" / ")])
@@ -182,7 +188,7 @@ def test_what_the_page_of_libero_says_of_merges_is_in_the_rows():
         f"TSV+S has {averaged[0]}, TIES+S {averaged[1]} and TA+S {averaged[2]}, where the paper has "
         f"{paper[0]:.0f}, {paper[1]:.0f} and {paper[2]:.0f} %"
     ) in page
-    assert rate("ta") == "0 %"
+    assert {rate(name) for name in ("mean", *libero_merges.OPERATORS)} == {"0 %"}
     assert f"of each expert, keeps {rate('emr', 'kept')}**" in page
     assert f"Of Long it keeps nearly nothing ({rate('emr', 'Long')})" in page
     assert f"of each task vector, has {rate('ties-published-s')} with masks" in page
