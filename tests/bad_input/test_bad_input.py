@@ -1,6 +1,7 @@
 """Whatever is typed, a mistake is answered at once in a line that says what was expected, and changes nothing."""
 
 import signal
+import sys
 from contextlib import contextmanager
 
 import pytest
@@ -21,6 +22,8 @@ DEADLINE_S = 60
 def test_bad_input_is_refused_in_one_line_and_changes_nothing(run_command, good_files, monkeypatch, case):
     place, before = good_files
     monkeypatch.chdir(place)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python's own cache, which is no answer to bad input
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     for name, value in case.variables.items():
         monkeypatch.setenv(name, value)
     folder.write(place, case.files)

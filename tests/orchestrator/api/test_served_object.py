@@ -101,6 +101,7 @@ def test_what_may_depend_on_more_than_its_source_is_new_at_each_call_unless_iden
 
 
 def test_a_function_whose_file_has_changed_since_it_was_loaded_is_another(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python tells sources by their second and size
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "changing.py").write_text("def act(images, proprioception, instruction):\n    return [[0.0] * 7]\n")
     loaded = importlib.import_module("changing").act
