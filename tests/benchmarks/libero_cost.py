@@ -29,8 +29,8 @@ COLUMNS = {
     "suite": "{suite}",
     "steps": "{steps:.0f}",
     "images in every step": "{every_step:.1f}",
-    "when the policy is asked": "{before:.1f}",
-    "and the speed work": "{standard:.1f}",
+    "images when the policy is asked": "{before:.1f}",
+    "the same with the speed work": "{standard:.1f}",
     "`fast-2`": "{fast-2:.1f}",
 }
 
