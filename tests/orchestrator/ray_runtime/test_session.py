@@ -9,6 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from robogauntlet.orchestrator.ray_runtime import session
 from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for_workers
 from tests.processes import GAUNTLET, listening_addresses, run_process, started_by
 
@@ -58,6 +59,20 @@ def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_envi
 @pytest.mark.ray
 def test_ray_of_one_machine_runs_without_autoscaler_log_monitor_and_dashboard(found):
     assert found["unused"] == []
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("installed", [True, False])
+def test_the_server_of_rays_dashboard_starts_where_its_agent_would_look_for_it(installed, monkeypatch):
+    from ray._private.node import Node
+
+    missing = None if installed else ImportError("aiohttp")
+    monkeypatch.setattr("ray._private.utils.get_dashboard_dependency_error", lambda: missing)
+    before = {name: getattr(Node, name) for name in session._UNUSED}
+    with session._without_unused_parts():
+        started = [name for name, start in before.items() if getattr(Node, name) is start]
+    assert started == (["start_api_server"] if installed else [])
+    assert {name: getattr(Node, name) for name in session._UNUSED} == before
 
 
 FAILING = """
