@@ -40,7 +40,7 @@ _folder: SessionFolder | None = None
 """The folder of the Ray that was started here."""
 _VITAL = ("raylet", "gcs_server")
 _UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
-"""How Ray starts its autoscaler, its copier of logs and the server of its dashboard, which nothing here asks."""
+"""How Ray starts its autoscaler, its log monitor and the server of its dashboard, which nothing here uses."""
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
     ("num_gpus", "GPU", "num_gpus", 1),

@@ -36,7 +36,7 @@ COLUMNS = {
 
 
 def measure() -> list[dict[str, object]]:
-    """Core hours for a thousand episodes of each suite's first task, means over seeds."""
+    """Core hours for a thousand episodes of the first task of each suite's expert, means over seeds."""
     rows: list[dict[str, object]] = []
     for suite, title in SUITES.items():
         task, row = tasks_of(suite)[0], {"suite": title}

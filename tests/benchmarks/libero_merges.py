@@ -30,6 +30,7 @@ MERGED = "zoo:libero-merged"
 """Two bits of magnitudes, and the routers of all ways."""
 EXPERTS = "experts"
 OPERATORS = {"ta": "TA", "ties": "TIES", "tsv": "TSV", "knots": "KnOTS", "wudi": "WUDI"}
+"""Those that are played without masks, to their titles."""
 WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "none-4": ("four bits each, not merged", {"operator": "none", "masks": "none", "options": {"bits": 4}}),
     "emr": ("EMR", {"operator": "emr"}),
