@@ -34,6 +34,7 @@ LONG = (
         "libero_frames",
         "libero_oracles",
         "libero_routers",
+        "ray_start",
     ),
     *("mergevla", "million", "opening", "operators", "paper_size", "readers", "resume", "scale"),
     *("oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),

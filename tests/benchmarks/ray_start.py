@@ -1,0 +1,47 @@
+"""A start of Ray on one machine, as runs do it, beside one with all of Ray's parts; each in a new process, by turns."""
+
+import json
+import subprocess
+import sys
+from statistics import median
+
+from tests import ROOT
+from tests.benchmarks.shared import table_of
+from tests.processes import environment_of
+
+PAIRS = 5
+CODE = """
+import contextlib, json, sys, time
+import psutil
+from robogauntlet.orchestrator.ray_runtime import session
+
+if sys.argv[1] == "all":
+    session._without_unused_parts = contextlib.nullcontext
+start = time.perf_counter()
+with session.ray_session(address=None, workers=1):
+    up = time.perf_counter() - start
+    time.sleep(4.0)  # all have been imported
+    parts = psutil.Process().children(recursive=True)
+    spent = sum(sum(part.cpu_times()[:2]) for part in parts)
+    memory = sum(part.memory_info().rss for part in parts) / 1e6
+    end = time.perf_counter()
+print(json.dumps({"up": up, "down": time.perf_counter() - end, "spent": spent, "memory": memory, "parts": len(parts)}))
+"""
+TITLES = {"all": "all of Ray's parts", "used": "those that a run uses"}
+
+
+def measure() -> list[dict[str, object]]:
+    """Medians: seconds until Ray is up and down, processor time (s), memory (MB) and number of its processes."""
+    found: dict[str, list[dict[str, float]]] = {way: [] for way in TITLES}
+    for _ in range(PAIRS):
+        for way, starts in found.items():
+            command = [sys.executable, "-c", CODE, way]
+            done = subprocess.run(command, env=environment_of(ROOT), capture_output=True, text=True, check=True)
+            starts.append(json.loads(done.stdout.splitlines()[-1]))
+    rows: list[dict[str, object]] = [
+        {"way": TITLES[way], **{name: median(one[name] for one in starts) for name in starts[0]}}
+        for way, starts in found.items()
+    ]
+    columns = {"started": "{way}", "processes": "{parts:.0f}", "processor time, s": "{spent:.2f}"}
+    table_of(rows, columns | {"memory, MB": "{memory:.0f}", "up, s": "{up:.1f}", "down, s": "{down:.1f}"})
+    return rows
