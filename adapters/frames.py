@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
 
@@ -35,6 +34,8 @@ def relative_pose(
     base_position: FloatArray, base_quaternion: FloatArray, position: FloatArray, quaternion: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Express a world pose in a base frame. Positions in metres, quaternions xyzw."""
+    from scipy.spatial.transform import Rotation  # takes 0.2 s, in commands that hash at most
+
     inverse = Rotation.from_quat(base_quaternion).inv()
     relative = inverse.apply(np.asarray(position) - np.asarray(base_position))
     return relative, (inverse * Rotation.from_quat(quaternion)).as_quat()

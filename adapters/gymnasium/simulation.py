@@ -12,17 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, Simulator, StepOutcome
+from robogauntlet.adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, StepOutcome
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.gymnasium.expressions import value_of
 from robogauntlet.adapters.gymnasium.mapping import (
     FILES,
     EnvironmentMapping,
     Orbit,
-    definition,
-    load_description,
     load_mapping,
 )
 from robogauntlet.adapters.gymnasium.mapping_checks import (
@@ -143,16 +140,3 @@ def open_environment(task: str, view: View) -> GymnasiumSimulation:
         return GymnasiumSimulation(mapping, view)
     except ValueError as error:
         raise AdapterError(f"{FILES[task]}: {error}") from error
-
-
-SIMULATOR = Simulator(
-    name="gymnasium",
-    title="gymnasium (by mapping file)",
-    tasks={task: load_description(path) for task, path in FILES.items()},
-    modules=("gymnasium",),
-    distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "mujoco", "pybullet"),
-    references=(references.GYMNASIUM_ROBOTICS, references.MUJOCO),
-    open=open_environment,
-    definitions={task: definition(path) for task, path in FILES.items()},
-    environment={"MUJOCO_GL": "egl"},
-)

@@ -31,9 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters import references
-from robogauntlet.adapters.contract import ActionSpec, AdapterError, FloatArray, Simulator, StepOutcome
-from robogauntlet.adapters.libero.assets import DISTRIBUTIONS
+from robogauntlet.adapters.contract import ActionSpec, AdapterError, FloatArray, StepOutcome
 from robogauntlet.adapters.libero.libero_import import Libero, open_libero, silenced
 from robogauntlet.adapters.libero.objects import LiberoObjects, libero_object
 from robogauntlet.adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
@@ -274,31 +272,3 @@ def open_simulation(task: str, view: View) -> LiberoSimulation:
         SimulatorUnavailable: LIBERO, a dependency or its assets are missing, or this machine cannot render.
     """
     return LiberoSimulation(open_libero(), libero_tasks()[task], view)
-
-
-SIMULATOR = Simulator(
-    name="libero",
-    title="LIBERO (robosuite 1.4, MuJoCo)",
-    tasks={name: task.description for name, task in libero_tasks().items()},
-    modules=("libero", "robosuite", "mujoco", "bddl"),
-    distributions=("hf-libero", "robosuite", "mujoco", "numba", "fast-simplification"),
-    references=(references.LIBERO, references.ROBOSUITE, references.MUJOCO),
-    open=open_simulation,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
-    environment={"MUJOCO_GL": "egl"},
-    requirements=(
-        "mujoco==3.3.7",
-        "numpy==1.26.4",
-        "numba>=0.60",
-        "fast-simplification==0.2.0",
-        "opencv-python==4.11.0.86",
-        "gymnasium>=1.0",
-        "matplotlib>=3.9",
-        "cloudpickle>=3",
-        "termcolor>=2",
-        "easydict==1.14",
-        "future==1.0.0",
-        *DISTRIBUTIONS,
-    ),
-    without_dependencies=("hf-libero==0.1.4", "robosuite==1.4.0", "bddl==1.0.1"),
-)

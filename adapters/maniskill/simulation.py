@@ -26,7 +26,6 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
@@ -35,7 +34,6 @@ from robogauntlet.adapters.contract import (
     Image,
     Motion,
     Observation,
-    Simulator,
     SimulatorUnavailable,
     StepOutcome,
 )
@@ -346,16 +344,3 @@ def _device_name(summary: str) -> str:
         elif label == "Supported" and value.strip() == "1":
             return name
     return name
-
-
-SIMULATOR = Simulator(
-    name="maniskill",
-    title="ManiSkill 3 (SAPIEN)",
-    tasks=TASKS,
-    modules=("mani_skill", "sapien", "torch"),
-    distributions=("mani-skill", "sapien", "torch", "fast-simplification"),
-    references=(references.MANISKILL, references.SAPIEN),
-    open=open_task,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
-    environment={"LP_NUM_THREADS": "1"},
-)

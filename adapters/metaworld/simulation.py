@@ -13,27 +13,21 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     ActionSpec,
     FloatArray,
-    Goal,
     Image,
     Motion,
-    Simulator,
     SimulatorUnavailable,
     StepOutcome,
-    TaskDescription,
 )
 from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.metaworld.tasks import HANDLES, TASKS
 from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, engine_time, import_mujoco, mujoco_state
@@ -53,23 +47,6 @@ FINGERS = ("r_close", "l_close")
 SURROUNDINGS = {"world", "tablelink", "RetainingWall", "wall", ""}
 """Bodies of the model beside the robot that are no objects of a task: floor, table and its edge, obstacle, and the
 unnamed block with the hole of pick-out-of-hole."""
-
-_DECLARED = yaml.safe_load(Path(__file__).with_name("tasks.yaml").read_text(encoding="utf-8"))
-HANDLES = {name: np.array(task["handle"]) for name, task in _DECLARED.items() if "handle" in task}
-"""Where the tool is when the hand touches the object, relative to `object_position`, in tasks where it is beside it."""
-
-
-def declared_goal(task: str, values: Mapping[str, Any]) -> Goal:
-    """Return a task's goal: that the object reaches `goal_position`, with the changes of `tasks.yaml`."""
-    handle = {"handle": "handle_position"} if task in HANDLES else {}
-    goal = {"entry": "object_position", "to": "goal_position", **handle, **values}
-    return Goal(**goal | {"offset": tuple(goal.get("offset", Goal.offset))})
-
-
-TASKS = {
-    name: TaskDescription(task["instruction"], task["horizon"], goal=declared_goal(name, task["goal"]))
-    for name, task in _DECLARED.items()
-}
 
 
 class MetaWorldSimulation(BaseSimulation):
@@ -182,15 +159,3 @@ class MetaWorldSimulation(BaseSimulation):
     def engine_time(self) -> float:
         """Return the CPU time of MuJoCo alone in a control step from the present state (s), which stays as it is."""
         return engine_time(self._model, self._data, self._env.frame_skip)
-
-
-SIMULATOR = Simulator(
-    name="metaworld",
-    title="Meta-World (MuJoCo)",
-    tasks=TASKS,
-    modules=("metaworld", "mujoco"),
-    distributions=("metaworld", "mujoco", "gymnasium"),
-    references=(references.METAWORLD, references.MUJOCO),
-    open=MetaWorldSimulation,
-    environment={"MUJOCO_GL": "egl"},
-)

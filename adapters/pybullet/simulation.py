@@ -30,15 +30,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     ActionSpec,
     FloatArray,
-    Goal,
     Image,
     Motion,
-    Simulator,
     SimulatorUnavailable,
     StepOutcome,
     TaskDescription,
@@ -52,28 +49,9 @@ from robogauntlet.adapters.pybullet.lights import Lamps, PyBulletLights
 from robogauntlet.adapters.pybullet.meshes import simplified_arm
 from robogauntlet.adapters.pybullet.objects import PyBulletObjects
 from robogauntlet.adapters.pybullet.table import PyBulletTable
-from robogauntlet.adapters.scene_control import ADJUSTABLE, SceneControls
+from robogauntlet.adapters.pybullet.tasks import TASKS
+from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import RenderProfile, View
-
-TASKS = {
-    "PandaReach-v3": TaskDescription(
-        "reach the red ball with the closed gripper",
-        horizon=20,
-        fixed={"dynamics": "the arm can move nothing in it"},
-        goal=Goal("tcp_position", "goal_position", tolerance=0.05),
-    ),
-    "PandaPush-v3": TaskDescription(
-        "push the green cube onto the red goal",
-        horizon=100,
-        goal=Goal("cube_position", "goal_position", tolerance=0.05),
-    ),
-    "PandaPickAndPlace-v3": TaskDescription(
-        "pick up the green cube and carry it to the red goal",
-        horizon=60,
-        goal=Goal("cube_position", "goal_position", tolerance=0.05, grasped=True),
-    ),
-}
-MODULES = ("pybullet", "panda_gym")
 
 MAX_LEAD = 0.05
 """Translation of panda-gym's full command, hence the largest distance of the target from the tool (m)."""
@@ -298,15 +276,3 @@ def _stdout_to_stderr() -> Iterator[None]:
         libc.fflush(None)
         os.dup2(saved, 1)
         os.close(saved)
-
-
-SIMULATOR = Simulator(
-    name="pybullet",
-    title="PyBullet (panda-gym)",
-    tasks=TASKS,
-    modules=MODULES,
-    distributions=("pybullet", "panda-gym", "gymnasium", "fast-simplification"),
-    references=(references.PANDA_GYM, references.PYBULLET),
-    open=open,
-    adjusts=ADJUSTABLE,
-)

@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters import references
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Simulator, StepOutcome
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, StepOutcome
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.control import ControlLoop, Version
@@ -219,16 +218,3 @@ def fix_frame(model: Any, site: str, base: str) -> None:
 def samplers(root: Any) -> list[Any]:
     """Return a placement initializer and those nested in it."""
     return [root, *(inner for child in getattr(root, "samplers", {}).values() for inner in samplers(child))]
-
-
-SIMULATOR = Simulator(
-    name="robosuite",
-    title="robosuite 1.5 (MuJoCo)",
-    tasks=TASKS,
-    modules=("robosuite", "mujoco"),
-    distributions=("robosuite", "mujoco", "numba", "fast-simplification"),
-    references=(references.ROBOSUITE, references.MUJOCO),
-    open=RobosuiteSimulation,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
-    environment={"MUJOCO_GL": "egl"},
-)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.suites.episode import CAMERAS, View
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild, serve
 from robogauntlet.support.errors import describe
@@ -58,6 +57,9 @@ def _probe_one(name: str, environments: EnvironmentResolver) -> Finding:
 
 
 def _open_and_observe(name: str) -> dict[str, object]:
+    # Only the child plays; the command that asks starts without what a simulator needs.
+    from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+
     simulator = catalog.find(name)
     runner = EpisodeRunner({})
     try:

@@ -10,8 +10,9 @@ from PIL import Image, ImageDraw, ImageFont
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Image as Pixels
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
 from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_simulator_environment
+from robogauntlet.orchestrator.replay.first_observation import first_observation
+from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.suites.axes import SEVERITIES, Axis
 from robogauntlet.suites.episode import Condition, View
 

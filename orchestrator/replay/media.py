@@ -14,11 +14,12 @@ import numpy as np
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
-from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder, encode_png
 from robogauntlet.orchestrator.ray_runtime.session import temporary_folder
+from robogauntlet.orchestrator.replay.first_observation import first_observation
 from robogauntlet.orchestrator.replay.media_selection import (
+    Snapshot,
     new_failures,
     recording_order,
     representative_episodes,

@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from itertools import zip_longest
 
-from robogauntlet.orchestrator.episodes.first_observation import Snapshot
 from robogauntlet.results.media_paths import SHARED_BY
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.suites.episode import CLEAN, Cell, Condition
+from robogauntlet.suites.episode import CLEAN, Cell, Condition, View
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The first observation of an episode of a task under a condition, to be rendered."""
+
+    task: str
+    condition: Condition
+    seed: int
+    view: View
+
+    @property
+    def simulator(self) -> str:
+        """Name of the task's simulator."""
+        return self.task.partition("/")[0]
 
 
 def representative_episodes(rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:

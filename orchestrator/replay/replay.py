@@ -15,11 +15,11 @@ from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulation
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
-from robogauntlet.orchestrator.episodes.first_observation import Snapshot
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.rollout import Watcher
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder
 from robogauntlet.orchestrator.replay.joined_videos import join_videos
+from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError

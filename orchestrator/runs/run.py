@@ -35,7 +35,7 @@ from robogauntlet.support.files import write_whole
 from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
-    from robogauntlet.orchestrator.episodes.first_observation import Snapshot
+    from robogauntlet.orchestrator.replay.media_selection import Snapshot
     from robogauntlet.results.report import Report
 
 RAY_STARTS = 5

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.contract import AdapterError, Goal, SimulatorUnavailable
-from robogauntlet.adapters.libero import assets
+from robogauntlet.adapters.libero import SIMULATOR, assets
 from robogauntlet.adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Assets, find_assets, unpack
 from robogauntlet.adapters.libero.libero_import import check_versions, configured, read_states
-from robogauntlet.adapters.libero.simulation import SIMULATOR
 from robogauntlet.adapters.libero.tasks import HORIZONS, ON_OBJECT, libero_tasks
 from tests.errors import one_line_error
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters.maniskill import SIMULATOR
 from robogauntlet.adapters.maniskill import simulation as maniskill
-from robogauntlet.adapters.maniskill.simulation import SIMULATOR, _command, _device_name, _euler_xyz
+from robogauntlet.adapters.maniskill.simulation import _command, _device_name, _euler_xyz
 from robogauntlet.suites.episode import RenderProfile, View
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.maniskill.simulation import SIMULATOR
+from robogauntlet.adapters.maniskill import SIMULATOR
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.suites.axes import AXES, Changes
 from robogauntlet.suites.episode import Condition, Episode, Protocol, View

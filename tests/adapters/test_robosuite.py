@@ -9,7 +9,7 @@ import pytest
 from robogauntlet.adapters.contract import SimulatorUnavailable
 from robogauntlet.adapters.mujoco_parts.lights import development
 from robogauntlet.adapters.mujoco_parts.simulation import import_with_mujoco
-from robogauntlet.adapters.robosuite.simulation import SIMULATOR
+from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, unit
 from robogauntlet.suites.episode import RenderProfile, View
 

@@ -5,8 +5,8 @@ import pytest
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import UnknownTask
+from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.robosuite.arms import ARMS, PANDA
-from robogauntlet.adapters.robosuite.simulation import SIMULATOR
 from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
 from robogauntlet.orchestrator.runs.plan import load_registry
 from robogauntlet.policies.oracles.robosuite import SLOWER_STEP, SLOWER_TURN

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.robosuite.simulation import SIMULATOR, control_loop
+from robogauntlet.adapters.robosuite import SIMULATOR
+from robogauntlet.adapters.robosuite.simulation import control_loop
 from robogauntlet.suites.episode import RenderProfile, View
 from tests.adapters.control_steps import alternating, check_compiled, ours, played, robosuites
 

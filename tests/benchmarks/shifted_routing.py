@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
+from robogauntlet.orchestrator.replay.first_observation import first_observation
+from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.results.statistics.rates import clustered_rate
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.episode import Perturbation as At

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.robosuite.simulation import SIMULATOR
+from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
 from robogauntlet.policies.oracles import scripts
 from tests.policies.playing import steps_to_success

@@ -31,6 +31,15 @@ def test_help_imports_no_verb_and_no_heavy_library():
     assert run_process([sys.executable, "-c", code]).stdout.splitlines()[-1] == "[]"
 
 
+def test_run_knows_all_simulators_and_their_tasks_without_a_library_that_workers_need():
+    code = (
+        "import sys, robogauntlet.orchestrator.cli.run\nfrom robogauntlet.adapters.catalog import simulators\n"
+        "assert all(simulator.tasks for simulator in simulators().values())\n"
+        "print([name for name in ('scipy', 'pandas', 'ray', 'torch', 'PIL') if name in sys.modules])"
+    )
+    assert run_process([sys.executable, "-c", code]).stdout == "[]\n"
+
+
 def test_help_takes_less_than_half_a_second_of_cpu():
     run_main("--help")  # compiles
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

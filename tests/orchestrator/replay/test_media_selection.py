@@ -1,8 +1,8 @@
 """The episodes that get a video, and the conditions that get a snapshot."""
 
-from robogauntlet.orchestrator.episodes.first_observation import Snapshot
 from robogauntlet.orchestrator.replay.media import pending_media
 from robogauntlet.orchestrator.replay.media_selection import (
+    Snapshot,
     condition_snapshots,
     new_failures,
     recording_order,

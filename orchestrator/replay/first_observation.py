@@ -2,27 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from robogauntlet.adapters.contract import Observation, Simulation
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation
-from robogauntlet.suites.episode import Condition, Episode, Protocol, View
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """The first observation of an episode of a task under a condition, to be rendered."""
-
-    task: str
-    condition: Condition
-    seed: int
-    view: View
-
-    @property
-    def simulator(self) -> str:
-        """Name of the task's simulator."""
-        return self.task.partition("/")[0]
+from robogauntlet.orchestrator.replay.media_selection import Snapshot
+from robogauntlet.suites.episode import Episode, Protocol
 
 
 def first_observation(simulation: Simulation, snapshot: Snapshot) -> Observation:
