@@ -17,7 +17,7 @@ policies: [oracle, untrained]
 tasks: [maniskill/PushCube-v1, pybullet/PandaPickAndPlace-v3, robosuite/Lift]
 seeds: {count: 4}
 image_size: 64
-render_profile: fast
+render_profile: fast-2
 horizon: 48
 workers: auto
 """
