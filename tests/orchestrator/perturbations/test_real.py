@@ -18,7 +18,7 @@ pytestmark = pytest.mark.simulator
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 AFFECT_ORACLES = {Changes.ACTIONS, Changes.OBJECTS, Changes.ARM, Changes.DYNAMICS}
 """Changes that affect an oracle, which does not observe images."""
-VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
+VIEW = View(image_size=96, render_profile=RenderProfile.FAST_2)
 
 
 def episode(task, condition, policy):
