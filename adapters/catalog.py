@@ -58,18 +58,20 @@ def task_descriptions() -> Mapping[str, TaskDescription]:
 
 def original(task: str) -> str:
     """Return the task (`simulator/task`) of which a task is a variant, or the task itself, known or not."""
-    name, _, short = task.partition("/")
-    simulator = simulators().get(name)
-    description = simulator.tasks.get(short) if simulator else None
+    description = task_descriptions().get(task)
     return description.variant_of if description and description.variant_of else task
 
 
 def goal_of(task: str) -> Goal | None:
     """Return what `simulator/task` declares as its goal, if there is such a task and it does."""
-    name, _, short = task.partition("/")
-    simulator = simulators().get(name)
-    description = simulator.tasks.get(short) if simulator else None
+    description = task_descriptions().get(task)
     return description.goal if description else None
+
+
+def arms_of(task: str) -> int:
+    """Return the number of arms that act in `simulator/task`; 1 if there is no such task."""
+    description = task_descriptions().get(task)
+    return description.arms if description else 1
 
 
 def find(simulator: str) -> Simulator:

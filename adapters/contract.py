@@ -3,16 +3,18 @@
 Conventions, the same in every simulator:
 
 - Frame: the robot's base, x forward, y left, z up; metres and radians.
-- Action, 7 numbers per control step: translation of the tool centre point (m), its rotation as an axis-angle vector
-  in the base frame (rad), gripper (-1 open .. +1 closed).
-- Proprioception, 8 numbers: tool centre point position (m), its axis-angle on the branch around "gripper pointing
-  down" (`robogauntlet.adapters.frames.axis_angle`, rad), positions of the two fingers (m).
+- Action, 7 numbers per control step and arm: translation of the tool centre point (m), its rotation as an axis-angle
+  vector in the base frame (rad), gripper (-1 open .. +1 closed).
+- Proprioception, 8 numbers per arm: tool centre point position (m), its axis-angle on the branch around "gripper
+  pointing down" (`robogauntlet.adapters.frames.axis_angle`, rad), positions of the two fingers (m).
+- Two arms: the numbers of the first, then those of the second, each in the frame of its own base. All else, goals and
+  behaviour among it, is in the frame of the first arm's base; names of the second arm begin with `second_`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -24,6 +26,9 @@ from robogauntlet.suites.episode import CAMERAS, View
 ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
 ACTION_DIM = 7
 PROPRIOCEPTION_DIM = 8
+"""Of one arm."""
+ARMS = ("", "second_")
+"""What the names of each arm's numbers begin with."""
 PICTURE_SIZE = 256
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +61,7 @@ class NotDelivered(AdapterError):
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """Bounds of an action, in the units of the conventions above."""
+    """Parts and bounds of an action, in the units of the conventions above. They are the same for both of two arms."""
 
     max_translation: float
     """Largest translation per axis and step (m); more is clipped by the adapter."""
@@ -65,17 +70,33 @@ class ActionSpec:
     control_hz: float
     """Control steps per simulated second."""
     ignored: tuple[str, ...] = ()
-    """Names out of `ACTION_NAMES` that have no effect in this task."""
+    """Those out of `names` that have no effect in this task."""
+    arms: int = 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each number of an action is: `ACTION_NAMES` of each arm, see `ARMS`."""
+        return names_of_arms(ACTION_NAMES, self.arms)
 
     @property
     def low(self) -> FloatArray:
-        """Lower bounds, shape (7,)."""
+        """Lower bounds, shape (7 * arms,)."""
         return -self.high
 
     @property
     def high(self) -> FloatArray:
-        """Upper bounds, shape (7,)."""
-        return np.array([self.max_translation] * 3 + [self.max_rotation] * 3 + [1.0])
+        """Upper bounds, shape (7 * arms,)."""
+        return np.array(([self.max_translation] * 3 + [self.max_rotation] * 3 + [1.0]) * self.arms)
+
+    @property
+    def ignored_places(self) -> list[int]:
+        """Positions in an action of the numbers that are `ignored`."""
+        return [self.names.index(name) for name in self.ignored]
+
+
+def names_of_arms(names: Sequence[str], arms: int) -> tuple[str, ...]:
+    """Return the names of each arm's numbers, given those of one arm."""
+    return tuple(arm + name for arm in ARMS[:arms] for name in names)
 
 
 @dataclass(frozen=True)
@@ -94,9 +115,14 @@ class Observation:
     images: Mapping[str, Image]
     """Camera name to an upright RGB image, shape (size, size, 3)."""
     proprioception: FloatArray
-    """Shape (8,), see the module's conventions."""
+    """Shape (8 * arms,), see the module's conventions."""
     instruction: str
     """The goal in words."""
+
+    @property
+    def action_dim(self) -> int:
+        """Numbers of an action in answer to it: 7 for each arm that it shows."""
+        return len(self.proprioception) // PROPRIOCEPTION_DIM * ACTION_DIM
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,14 +217,15 @@ class Simulation(Protocol):
         """Render the present state. The only call that renders for a policy."""
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply `action`, shape (7,), within the bounds of `action_spec`, for one control step. Never renders."""
+        """Apply `action`, shape (7 * arms,), within the bounds of `action_spec`, for a control step. Never renders."""
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return the true state in the base frame, for oracles and checks, never for policies.
 
-        Always holds `tcp_position` (3,), `tcp_quaternion` (4,) xyzw and `finger_positions` (2,). Objects follow as
-        `<name>_position` and `<name>_quaternion`, goals as `goal_position`. Where resets let objects come to rest,
-        `settling_shift` (1,) is the distance that they slid meanwhile (m).
+        Always holds `tcp_position` (3,), `tcp_quaternion` (4,) xyzw and `finger_positions` (2,), and of a second arm
+        `second_tcp_position` and so on, in its own base's frame. Objects follow as `<name>_position` and
+        `<name>_quaternion`, goals as `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is
+        the distance that they slid meanwhile (m).
         """
 
     def state_hash(self) -> str:
@@ -243,6 +270,8 @@ class TaskDescription:
     `variant-name`."""
     robot: str = ""
     """The robot that plays it, if others can: tasks with the same name before an `@` differ in it."""
+    arms: int = 1
+    """Arms that act in it, 1 or 2."""
     variant_of: str = ""
     """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
 

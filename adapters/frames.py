@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.contract import ARMS, FloatArray
 
 STATE_QUANTUM = 1e-6
 """Differences below this (m, rad) do not change a state hash."""
@@ -42,8 +42,16 @@ def relative_pose(
 
 
 def proprioception(state: Mapping[str, FloatArray]) -> FloatArray:
-    """Return an observation's proprioception (8,) from a privileged state: tool position, axis-angle, fingers."""
-    return np.concatenate([state["tcp_position"], axis_angle(state["tcp_quaternion"]), state["finger_positions"]])
+    """Return an observation's proprioception (8 * arms,) from a privileged state.
+
+    Of each arm: tool position, axis-angle, fingers.
+    """
+    parts = []
+    for arm in ARMS:
+        if f"{arm}tcp_position" in state:
+            position, quaternion = state[f"{arm}tcp_position"], state[f"{arm}tcp_quaternion"]
+            parts += [position, axis_angle(quaternion), state[f"{arm}finger_positions"]]
+    return np.concatenate(parts)
 
 
 def wxyz_to_xyzw(quaternion: FloatArray) -> FloatArray:

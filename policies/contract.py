@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from robogauntlet.adapters.catalog import original
+from robogauntlet.adapters.catalog import arms_of, original
 from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import UserError
@@ -59,7 +59,8 @@ class PolicySpec:
     sees: PolicyInput
     chunk_length: int
     """Largest number of actions in a chunk that the policy returns."""
-    action_dim: int = ACTION_DIM
+    action_dim: int | None = ACTION_DIM
+    """Numbers of an action, or None for as many as the task has."""
     cameras: tuple[str, ...] = ()
     """Cameras without which the policy cannot act."""
     image_size: int | None = None
@@ -71,6 +72,8 @@ class PolicySpec:
 
     def can_act_in(self, task: str) -> bool:
         """Return whether it can act in `simulator/task`."""
+        if self.action_dim not in (None, ACTION_DIM * arms_of(task)):
+            return False
         return self.tasks is None or task in self.tasks or (self.variants and original(task) in self.tasks)
 
 
@@ -108,7 +111,7 @@ class Decision:
     """A policy's answer to one query."""
 
     actions: FloatArray
-    """Action chunk, shape (n, 7), n >= 1, in the units of `robogauntlet.adapters.contract`."""
+    """Action chunk, shape (n, 7 * arms), n >= 1, in the units of `robogauntlet.adapters.contract`."""
     routing: Routing | None = None
 
 
@@ -184,8 +187,12 @@ def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:
     """Refuse a policy that cannot act in one of the tasks.
 
     Raises:
-        PolicyMismatch: It cannot; the message names the tasks in which it can.
+        PolicyMismatch: It cannot; the message names the tasks in which it can, or the numbers that one accepts.
     """
+    for task in tasks:
+        numbers = ACTION_DIM * arms_of(task)
+        if spec.action_dim not in (None, numbers):
+            raise PolicyMismatch(f"{task} accepts {numbers} numbers per action, the policy produces {spec.action_dim}")
     if beyond := [task for task in tasks if not spec.can_act_in(task)]:
         able = first_of(sorted(spec.tasks or ()), SHOWN_TASKS)
         raise PolicyMismatch(f"it cannot act in {first_of(beyond, SHOWN_TASKS)}; it can in {able}")
@@ -197,7 +204,7 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
     Raises:
         PolicyMismatch: The policy does not fit.
     """
-    if spec.action_dim != len(action_spec.high):
+    if spec.action_dim not in (None, len(action_spec.high)):
         raise PolicyMismatch(
             f"the simulation accepts {len(action_spec.high)} numbers per action, the policy produces {spec.action_dim}"
         )
@@ -236,32 +243,32 @@ def _rounded(value: float, what: str) -> float:
     return round(number, 6) + 0.0  # no -0.0, which is written differently
 
 
-def check_chunk(actions: FloatArray) -> FloatArray:
-    """Return a policy's chunk as a new float64 array, shape (n, 7).
+def check_chunk(actions: FloatArray, numbers: int = ACTION_DIM) -> FloatArray:
+    """Return a policy's chunk as a new float64 array, shape (n, numbers).
 
     Raises:
         PolicyMismatch: It has another shape, is empty, or holds NaN or infinity.
     """
-    chunk = chunk_of(actions)
+    chunk = chunk_of(actions, numbers)
     if not np.isfinite(chunk).all():
         raise PolicyMismatch(f"expected finite actions, got {chunk[~np.isfinite(chunk)][0]} in the chunk")
     return chunk
 
 
-def chunk_of(actions: Any) -> FloatArray:
-    """Return what a policy answered as a new float64 array, shape (n, 7), which may hold NaN.
+def chunk_of(actions: Any, numbers: int = ACTION_DIM) -> FloatArray:
+    """Return what a policy answered as a new float64 array, shape (n, numbers), which may hold NaN.
 
     Raises:
         PolicyMismatch: It is no array of numbers, has another shape, or is empty.
     """
     if actions is None:
-        raise PolicyMismatch(f"expected an action chunk, shape (n, {ACTION_DIM}); got None: a return is missing")
+        raise PolicyMismatch(f"expected an action chunk, shape (n, {numbers}); got None: a return is missing")
     try:
         chunk = np.array(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise PolicyMismatch(
-            f"expected an action chunk of numbers, shape (n, {ACTION_DIM}); got {type(actions).__name__}: {error}"
+            f"expected an action chunk of numbers, shape (n, {numbers}); got {type(actions).__name__}: {error}"
         ) from None
-    if chunk.ndim != 2 or chunk.shape[1] != ACTION_DIM or len(chunk) == 0:
-        raise PolicyMismatch(f"expected an action chunk of shape (n, {ACTION_DIM}) with n >= 1, got {chunk.shape}")
+    if chunk.ndim != 2 or chunk.shape[1] != numbers or len(chunk) == 0:
+        raise PolicyMismatch(f"expected an action chunk of shape (n, {numbers}) with n >= 1, got {chunk.shape}")
     return chunk

@@ -37,7 +37,7 @@ Act = Callable[..., FloatArray]
 class FunctionPolicy(StatelessPolicy):
     """A plain function of the observation; `name` is for messages."""
 
-    spec = PolicySpec(PolicyInput.OBSERVATION, MAX_CHUNK_LENGTH)
+    spec = PolicySpec(PolicyInput.OBSERVATION, MAX_CHUNK_LENGTH, action_dim=None)
 
     def __init__(self, act: Act, name: str) -> None:
         self._act, self._name = act, name
@@ -58,7 +58,7 @@ class StatefulFunctionPolicy:
     of each.
     """
 
-    spec = PolicySpec(PolicyInput.OBSERVATION, MAX_CHUNK_LENGTH)
+    spec = PolicySpec(PolicyInput.OBSERVATION, MAX_CHUNK_LENGTH, action_dim=None)
 
     def __init__(self, first: Any, build: Callable[[], Any], name: str) -> None:
         """Take an object, and a function that makes further ones for episodes that are played at the same time."""
@@ -115,7 +115,7 @@ def _call(act: Act, observation: Observation) -> Any:
 def _answer(act: Act, query: Query, name: str) -> Decision:
     assert query.observation is not None
     try:
-        return Decision(check_chunk(_call(act, query.observation)))
+        return Decision(check_chunk(_call(act, query.observation), query.observation.action_dim))
     except PolicyError as error:
         raise type(error)(f"{name}: {error}") from None
 

@@ -72,7 +72,7 @@ class MetaWorldSimulation(BaseSimulation):
         self._model.camera("corner2").pos = NEARBY
         physics = MujocoPhysics(self._mujoco, self._model, self._data, "base")
         roots = {self._model.body(root).name for root in self._model.body_rootid}
-        self._contacts = MujocoContacts(physics, "base", FINGERS, roots - SURROUNDINGS - {"base", "mocap"})
+        self._contacts = MujocoContacts(physics, ["base"], FINGERS, roots - SURROUNDINGS - {"base", "mocap"})
         self._handle = BASE.apply(HANDLES[task]) if task in HANDLES else None
         self._scene = MujocoScene(self._model, self._data, view.render_profile)
         spec = ActionSpec(self._env.action_scale, 0.0, control_hz=1.0 / self._env.dt, ignored=("rx", "ry", "rz"))

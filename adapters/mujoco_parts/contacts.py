@@ -16,16 +16,18 @@ _ROBOT, _OBJECT = 1, 4
 class MujocoContacts:
     """Measures the force on a robot and the distance of its joints from their limits."""
 
-    def __init__(self, physics: MujocoPhysics, robot: str, fingers: Iterable[str], objects: Iterable[str]) -> None:
-        """Take the names of the robot's base body, of the fingers' joints and of the bodies of the task's objects."""
+    def __init__(
+        self, physics: MujocoPhysics, bases: Iterable[str], fingers: Iterable[str], objects: Iterable[str]
+    ) -> None:
+        """Take the names of the base body of each arm, of the fingers' joints and of the bodies of the objects."""
         model = physics.model
         self._physics = physics
         roots = model.body_rootid
-        robot_root = roots[model.body(robot).id]
+        robot_roots = [roots[model.body(base).id] for base in bases]
         object_roots = [roots[model.body(name).id] for name in objects]
         root = roots[model.geom_bodyid]
-        self._weights = _ROBOT * (root == robot_root) + _OBJECT * np.isin(root, object_roots)
-        of_arm = (roots[model.jnt_bodyid] == robot_root) & (model.jnt_limited != 0)
+        self._weights = _ROBOT * np.isin(root, robot_roots) + _OBJECT * np.isin(root, object_roots)
+        of_arm = np.isin(roots[model.jnt_bodyid], robot_roots) & (model.jnt_limited != 0)
         of_arm[[model.joint(name).id for name in fingers]] = False
         self._joints = model.jnt_qposadr[of_arm]
         self._low, self._high = model.jnt_range[of_arm].T

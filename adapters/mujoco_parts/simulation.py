@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib
 import logging
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image, Motion, SimulatorUnavailable
+from robogauntlet.adapters.contract import ARMS, ActionSpec, FloatArray, Image, Motion, SimulatorUnavailable
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
@@ -21,6 +22,31 @@ from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, engine_time, import_mujoco, no_rendering
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """An arm and its gripper."""
+
+    prefix: str
+    """One of `ARMS`."""
+    base: str
+    """Name of the body that carries it."""
+    joints: Sequence[str]
+    """Of the gripper."""
+    physics: MujocoPhysics
+    tool_centre: Any
+    hand: Any
+    fingers: Fingers
+
+    def state(self) -> dict[str, FloatArray]:
+        """Return the entries that every `privileged_state` has of an arm, in the frame of its base."""
+        position, quaternion = self.physics.pose_from_world(self.tool_centre.xpos, self.hand.xmat)
+        return {
+            f"{self.prefix}tcp_position": position,
+            f"{self.prefix}tcp_quaternion": quaternion,
+            f"{self.prefix}finger_positions": self.fingers.positions(),
+        }
 
 
 class MujocoSimulation(BaseSimulation):
@@ -35,6 +61,7 @@ class MujocoSimulation(BaseSimulation):
         """Take MuJoCo's module and robosuite's environment, see `BaseSimulation` for the others."""
         super().__init__(view, instruction, action_spec)
         self._mujoco, self._env = mujoco, env
+        self._arms: list[_Arm] = []
         for name in env.observation_names:  # Updated 25 times in a control step, and not used.
             env.modify_observable(name, "enabled", False)
         self._model, self._data = env.sim.model._model, env.sim.data._data
@@ -51,21 +78,23 @@ class MujocoSimulation(BaseSimulation):
         fingers: list[str],
         pads: tuple[Sequence[str], Sequence[str]] | None = None,
     ) -> None:
-        """Take the names of the robot's base body, the tool's site and body, and the gripper's joints.
+        """Take the names of a robot's base body, the tool's site and body, and the gripper's joints.
 
-        `pads` has the shapes at the fingertips of each side, where the joints are no slides.
+        `pads` has the shapes at the fingertips of each side, where the joints are no slides. Of two arms, the first is
+        taken first; all but the second's own numbers are in the frame of its base.
         """
-        self._physics = MujocoPhysics(self._mujoco, self._model, self._data, base)
-        self._tool_centre = self._data.site(tool_centre)
+        physics = MujocoPhysics(self._mujoco, self._model, self._data, base)
+        side: Fingers = Pads(physics, hand, pads) if pads else SlidingFingers(physics, fingers)
         # The hand, not the site in it: along its y axis the fingers open, as in the other simulators.
-        self._hand = self._data.body(hand)
-        self._fingers: Fingers = Pads(self._physics, hand, pads) if pads else SlidingFingers(self._physics, fingers)
-        self._arm = base, fingers
+        prefix, tool, body = ARMS[len(self._arms)], self._data.site(tool_centre), self._data.body(hand)
+        self._arms.append(_Arm(prefix, base, fingers, physics, tool, body, side))
+        self._physics = self._arms[0].physics
 
     def _take_objects(self, bodies: Iterable[str], places: Mapping[str, Any], angles: Mapping[str, Any]) -> None:
         """Take the bodies of the task's objects, and by name what `motion` reads: places with `xpos`, and joints."""
-        self._contacts = MujocoContacts(self._physics, *self._arm, bodies)
-        self._places, self._angles = {"tcp": self._tool_centre, **places}, angles
+        bases, joints = [arm.base for arm in self._arms], [joint for arm in self._arms for joint in arm.joints]
+        self._contacts = MujocoContacts(self._physics, bases, joints, bodies)
+        self._places, self._angles = {"tcp": self._arms[0].tool_centre, **places}, angles
 
     def state_hash(self) -> str:
         """Hash joint positions and velocities, and the poses of fixed bodies."""
@@ -118,12 +147,7 @@ class MujocoSimulation(BaseSimulation):
     def arm_state(self) -> dict[str, FloatArray]:
         """Bring poses up to date, and return the entries that every `privileged_state` has."""
         self._refresh()
-        position, quaternion = self._physics.pose_from_world(self._tool_centre.xpos, self._hand.xmat)
-        return {
-            "tcp_position": position,
-            "tcp_quaternion": quaternion,
-            "finger_positions": self._fingers.positions(),
-        }
+        return {name: value for arm in self._arms for name, value in arm.state().items()}
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return the tool, these positions and joint values, contacts and joint limits."""
@@ -138,7 +162,7 @@ class MujocoSimulation(BaseSimulation):
 
         return Motion(
             tool=value("tcp_position"),
-            opening=float(sum(self._fingers.positions())),
+            opening=float(sum(self._arms[0].fingers.positions())),
             entries=tuple(map(value, entries)),
             contact_force=self._contacts.contact_force(),
             joint_margin=self._contacts.joint_margin(),

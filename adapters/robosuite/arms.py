@@ -13,6 +13,8 @@ from robogauntlet.suites.episode import AT
 
 PANDA = "Panda"
 """The arm of tasks that name none."""
+TWO_PANDAS = "TwoPandas"
+"""Two of them, which face each other."""
 FRANKA_HAND = "PandaGripper"
 """robosuite's name of the hand whose fingers are slides: their joint positions are distances from the middle."""
 

@@ -1,4 +1,4 @@
-"""robosuite (MuJoCo): tasks of one arm, under the benchmark's default controller.
+"""robosuite (MuJoCo): tasks of one arm and of two, under the benchmark's default controller.
 
 Particular to this adapter:
 
@@ -11,7 +11,8 @@ Particular to this adapter:
 - The gripper uses only the sign of its command: it moves by a fixed amount, and does not move at exactly 0.
 - The size of Lift's cube is drawn once while the model is built, always from `BUILD_SEED`; robosuite's `hard_reset`
   would draw it in each episode, at a second or more per reset.
-- Control steps are run by `mujoco_parts.control`, equal to robosuite's own to the bit.
+- Control steps of one arm are run by `mujoco_parts.control`, equal to robosuite's own to the bit, those of two arms by
+  robosuite.
 - `fast` omits shadows, reflections and multisampling, and takes a third to a quarter of the time. `fast-2` also
   simplifies the robot's meshes, which halves that.
 """
@@ -35,7 +36,7 @@ from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
-from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, split_arm
+from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, TWO_PANDAS, split_arm
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
 from robogauntlet.adapters.robosuite.tasks import PARTS, TASKS
 from robogauntlet.adapters.scene_control import SceneControls
@@ -64,9 +65,12 @@ class RobosuiteSimulation(MujocoSimulation):
         """
         mujoco, robosuite = import_with_mujoco("robosuite", "robosuite")
         name, arm = split_arm(task)
+        arms = TASKS[task].arms
+        if arm == TWO_PANDAS:
+            arm = PANDA
         env = robosuite.make(
             name,
-            robots=arm,
+            robots=[arm] * arms,
             gripper_types=ARMS[arm].gripper,
             control_freq=CONTROL_HZ,
             ignore_done=True,
@@ -82,13 +86,17 @@ class RobosuiteSimulation(MujocoSimulation):
         controller = robot.part_controllers["right"]
         share = float(np.sqrt(controller.kp[0])) / 2.0 / CONTROL_HZ  # Of an offset, see the module's docstring.
         translation, rotation = (share * float(controller.output_max[i]) for i in (0, 3))
-        super().__init__(mujoco, env, view, TASKS[task].instruction, ActionSpec(translation, rotation, CONTROL_HZ))
+        spec = ActionSpec(translation, rotation, CONTROL_HZ, arms=arms)
+        super().__init__(mujoco, env, view, TASKS[task].instruction, spec)
         if view.render_profile is RenderProfile.FAST_2:
             simplify_meshes(mujoco, self._model)
         self._parts = PARTS[name]
-        gripper = robot.gripper["right"]
-        tool = gripper.important_sites["grip_site"], robot.robot_model.eef_name["right"]
-        self._take_arm(robot.robot_model.root_body, *tool, gripper.joints, ARMS[arm].fingertips(gripper))
+        tools = [
+            (one.gripper["right"].important_sites["grip_site"], one.robot_model.eef_name["right"]) for one in env.robots
+        ]
+        for one, tool in zip(env.robots, tools, strict=True):
+            gripper = one.gripper["right"]
+            self._take_arm(one.robot_model.root_body, *tool, gripper.joints, ARMS[arm].fingertips(gripper))
         places = {name: self._data.body(body) for name, body in self._parts.bodies.items()}
         places |= {name: self._data.body(body) for name, body in self._parts.marks.items()}
         places |= {name: self._data.site(site) for name, site in self._parts.sites.items()}
@@ -105,18 +113,18 @@ class RobosuiteSimulation(MujocoSimulation):
             cameras=MujocoCameras(self._physics),
             lights=self._lights,
             objects=RobosuiteObjects(self._physics, objects, attached, sampler) if objects else None,
-            arm=MujocoArm(self._physics, lambda: robot.part_controllers["right"], tool),
+            arm=MujocoArm(self._physics, lambda: robot.part_controllers["right"], tools[0]) if arms == 1 else None,
             dynamics=MujocoDynamics(self._physics, (objects or self._parts.bodies).values()),
             table=self._table,
         )
         fix_frame(self._model, f"{controller.naming_prefix}{controller.part_name}_center", robot.robot_model.root_body)
-        self._control = control_loop(self._physics, env)
+        self._control = control_loop(self._physics, env) if arms == 1 else env
         self._control.step(np.zeros(env.action_dim))
         self.reset(BUILD_SEED)
         if arm != PANDA:
             self.action_spec = ActionSpec(*self._measured_bounds(controller.output_max), CONTROL_HZ)
-        if isinstance(self._fingers, Pads):
-            self._close_gripper(self._fingers)
+        if isinstance(fingers := self._arms[0].fingers, Pads):
+            self._close_gripper(fingers)
         self.reset(BUILD_SEED)
         self._check_rendering()
 
@@ -186,7 +194,8 @@ class RobosuiteSimulation(MujocoSimulation):
         two bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above
         0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad. PickPlace: `can_*` and so on, and `goal_*`
         (its place in the bin). NutAssembly: `nut_*` (the middle of the hole) and `peg_*`. Where there are several, each
-        has its own: `can_goal_*`, `square_nut_*`, `square_peg_*` and so on.
+        has its own: `can_goal_*`, `square_nut_*`, `square_peg_*` and so on. TwoArmLift: `pot_*`, `handle0_*` and
+        `handle1_*` (the first's is the first arm's), `second_base_*` (of the second arm).
         """
         state = self.arm_state() | self._poses({name: p for name, p in self._places.items() if name != "tcp"})
         return state | {name: joint.qpos.copy() for name, joint in self._angles.items()}

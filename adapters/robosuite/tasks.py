@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from robogauntlet.adapters.contract import Goal, TaskDescription
-from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, name_with
+from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, TWO_PANDAS, name_with
 
 GOODS = {"Can": "red can", "Milk": "milk carton", "Bread": "bread", "Cereal": "cereal box"}
 NUTS = {"Square": "peg1", "Round": "peg2"}
@@ -56,6 +56,14 @@ TASKS = {name: replace(description, robot=PANDA) for name, description in WITH_P
     if arm != PANDA
     for task, description in WITH_ANY_ARM.items()
 }
+TASKS[name_with("TwoArmLift", TWO_PANDAS)] = TaskDescription(
+    "lift the pot by its two handles",
+    horizon=160,
+    goal=Goal("pot_position", offset=(0.0, 0.0, 0.1), handle="handle0_position", grasped=True),
+    fixed={"arm": "two arms start together", "objects": "each arm reaches one handle of the pot"},
+    robot=TWO_PANDAS,
+    arms=2,
+)
 
 
 @dataclass(frozen=True)
@@ -92,6 +100,11 @@ PARTS = {
     **{
         f"NutAssembly{name}": Parts(bodies={"nut": f"{name}Nut_main"}, marks={"peg": peg}) for name, peg in NUTS.items()
     },
+    "TwoArmLift": Parts(
+        bodies={"pot": "pot_root"},
+        marks={"second_base": "robot1_base"},
+        sites={"handle0": "pot_handle0", "handle1": "pot_handle1"},
+    ),
     "PickPlace": Parts(
         bodies={name.lower(): f"{name}_main" for name in GOODS},
         marks={f"{name.lower()}_goal": f"Visual{name}_main" for name in GOODS},

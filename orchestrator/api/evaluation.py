@@ -125,7 +125,7 @@ def _check(served: ServedObject, plan: Plan) -> None:
             f"policy '{served.name}': an object with reset plays one episode at a time, expected tasks of one "
             "simulator and no other workers than 1; give its class instead, of which each episode gets an object"
         )
-    served.check_answer(suite.view, task_descriptions()[suite.tasks[0]].instruction)
+    served.check_answer(suite.view, task_descriptions()[suite.tasks[0]])
 
 
 def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool, tracker: LiveTracker | None) -> OpenRun:

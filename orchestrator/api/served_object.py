@@ -15,6 +15,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+from robogauntlet.adapters.contract import TaskDescription
 from robogauntlet.orchestrator.environments.resolver import OBJECT_TOKEN
 from robogauntlet.orchestrator.inference.first_answer import check_first_answer
 from robogauntlet.orchestrator.inference.server_thread import ServerThread
@@ -69,14 +70,14 @@ class ServedObject(ServerThread):
             options={"address": self.address, "timeout_s": TIMEOUT_S, "retries": 0, "token_variable": OBJECT_TOKEN},
         )
 
-    def check_answer(self, view: View, instruction: str) -> None:
+    def check_answer(self, view: View, task: TaskDescription) -> None:
         """Ask a function or object once, see `check_first_answer`. Of a class or factory, ask what it makes.
 
         Raises:
             PolicyError: See there.
         """
         if isinstance(policy := self.server.served.policy, FunctionPolicy | StatefulFunctionPolicy):
-            check_first_answer(self.name, policy.ask, view, instruction)
+            check_first_answer(self.name, policy.ask, view, task)
 
 
 def _digest(target: Any, identity: str | None) -> str:

@@ -10,8 +10,6 @@ import numpy as np
 from gymnasium import spaces
 
 from robogauntlet.adapters.contract import (
-    ACTION_DIM,
-    ACTION_NAMES,
     PROPRIOCEPTION_DIM,
     FloatArray,
     Image,
@@ -61,12 +59,11 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         self.observation_space = spaces.Dict(
             {
                 "images": spaces.Dict(dict.fromkeys(view.cameras, image)),
-                "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_DIM,), np.float64),
+                "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_DIM * spec.arms,), np.float64),
                 "instruction": spaces.Text(longest, min_length=0, charset=characters),
             }
         )
         self.action_space = spaces.Box(spec.low, spec.high, dtype=np.float64)
-        self._ignored = [ACTION_NAMES.index(name) for name in spec.ignored]
         self._steps: int | None = None
         self._held = 0
 
@@ -91,7 +88,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         return self._observe(), {"seed": chosen}
 
     def step(self, action: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Apply one action, (7,), for one control step.
+        """Apply one action, (7 * arms,), for one control step.
 
         Returns:
             The observation; the reward; whether the task has succeeded (its predicate held for five steps in a row), or
@@ -105,13 +102,13 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         if self._steps is None:
             raise gymnasium.error.ResetNeeded("expected reset before the first step")
         given = np.array(action, dtype=np.float64)
-        if given.shape != (ACTION_DIM,) or not np.isfinite(given).all():
+        spec = self.simulation.action_spec
+        if given.shape != spec.high.shape or not np.isfinite(given).all():
             raise ValueError(
-                f"expected one action of {ACTION_DIM} finite numbers, got shape {given.shape}: {given}; "
+                f"expected one action of {len(spec.high)} finite numbers, got shape {given.shape}: {given}; "
                 "step the actions of a chunk one by one"
             )
-        given[self._ignored] = 0.0
-        spec = self.simulation.action_spec
+        given[spec.ignored_places] = 0.0
         outcome = self.simulation.step(np.clip(given, spec.low, spec.high))
         self._steps += 1
         self._held = self._held + 1 if outcome.success else 0

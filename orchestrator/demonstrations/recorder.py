@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, FloatArray, Observation, Simulation
+from robogauntlet.adapters.contract import ACTION_DIM, AdapterError, FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.demonstrations.task_queue import PlayedSeed
 from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
@@ -33,6 +33,8 @@ from robogauntlet.support.errors import first_line
 LEARNER_REPLANS_EVERY = 4
 """Steps of a learner's chunk that are executed before its next query."""
 
+MOTION_DIM = 6
+"""Numbers of an arm's action before that of its gripper."""
 HANDOVER_KEY = 2**32 - 1
 """Random key of the handover step; noise is keyed by the step."""
 
@@ -48,6 +50,7 @@ class Learner:
     recorded: bool = False
     """Whether the oracle's actions are also recorded while the learner acts."""
     _chunk: list[FloatArray] = field(default_factory=list, init=False)
+    _numbers: int = field(default=ACTION_DIM, init=False)
 
     def __post_init__(self) -> None:
         if self.policy.spec.sees is not PolicyInput.OBSERVATION:
@@ -58,13 +61,13 @@ class Learner:
         """Start the episode. Raises PolicyMismatch if the learner does not fit the simulation."""
         check_fit(self.policy.spec, simulation.action_spec, simulation.observation_spec)
         self.policy.reset([self.episode])
-        self._chunk = []
+        self._chunk, self._numbers = [], len(simulation.action_spec.high)
 
     def action(self, observation: Observation, step: int) -> FloatArray:
-        """The action to execute in this step, shape (7,)."""
+        """The action to execute in this step, shape (7 * arms,)."""
         if not self._chunk:
             (decision,) = self.policy.act([Query(self.episode, step, observation=observation)])
-            self._chunk = list(check_chunk(decision.actions)[:LEARNER_REPLANS_EVERY])
+            self._chunk = list(check_chunk(decision.actions, self._numbers)[:LEARNER_REPLANS_EVERY])
         return self._chunk.pop(0)
 
 
@@ -98,9 +101,11 @@ class RecordedSimulation(TrajectoryRecorder):
         if self._learner is not None and step < self._learner.handover_step:
             disturbed = self._learner.action(self._observations[-1], step)
         else:
-            disturbed = np.array(action)
-            disturbed[:6] += self._noise * spec.high[:6] * _generator(self._episode, step).standard_normal(6)
-        disturbed[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
+            disturbed, generator = np.array(action), _generator(self._episode, step)
+            for first in range(0, len(disturbed), ACTION_DIM):
+                moved = slice(first, first + MOTION_DIM)
+                disturbed[moved] += self._noise * spec.high[moved] * generator.standard_normal(MOTION_DIM)
+        disturbed[spec.ignored_places] = 0.0
         return np.clip(disturbed, spec.low, spec.high)
 
     @property

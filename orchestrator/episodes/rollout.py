@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.catalog import goal_of
-from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Delivered, Measured, Simulation
+from robogauntlet.adapters.contract import AdapterError, Delivered, Measured, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
 from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter
 from robogauntlet.orchestrator.perturbations import perturbed
@@ -102,7 +102,7 @@ def rollout(
     meter.sample()
     spec, protocol = simulation.action_spec, episode.protocol
     low, high = spec.low, spec.high
-    ignored = [ACTION_NAMES.index(name) for name in spec.ignored]
+    ignored, numbers = spec.ignored_places, len(low)
 
     actions = hashlib.sha256()
     routing: Routing | None = None
@@ -119,7 +119,7 @@ def rollout(
         asked = clock()
         with timed("inference_s"):
             decision = _ask(policy, query)
-            chunk = check_chunk(decision.actions)
+            chunk = check_chunk(decision.actions, numbers)
         answer_times.append(clock() - asked)
         if routing is None and decision.routing is not None:
             routing = check_routing(decision.routing)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Image, Observation
+from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Image, Observation, TaskDescription
 from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, chunk_of
 from robogauntlet.suites.episode import View
@@ -17,14 +17,14 @@ LIMIT_S = 120.0
 """Time for the first answer (s), in which a policy may load its weights."""
 
 
-def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View, instruction: str) -> None:
+def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View, task: TaskDescription) -> None:
     """Refuse a policy whose answer to black images has a wrong shape, or is late. It may raise, as one that must see.
 
     Args:
         name: The policy's name, for messages.
         ask: Returns the answer to an observation.
         view: Cameras and size of the images.
-        instruction: The task's text.
+        task: The task, with its instruction and the number of its arms.
 
     Raises:
         PolicyMismatch: The answer is no action chunk.
@@ -32,8 +32,9 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
     """
     black: Image = np.zeros((view.image_size, view.image_size, 3), np.uint8)
     images = {camera: black.copy() for camera in view.cameras}
+    observation = Observation(images, np.zeros(PROPRIOCEPTION_DIM * task.arms), task.instruction)
     try:
-        answer = call_within(LIMIT_S, lambda: ask(Observation(images, np.zeros(PROPRIOCEPTION_DIM), instruction)))
+        answer = call_within(LIMIT_S, lambda: ask(observation))
     except Late:
         raise PolicyError(
             f"policy '{name}': expected its first answer within {LIMIT_S:g} s, got none; serve a policy that takes "
@@ -44,7 +45,7 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
     except Exception:
         return
     try:
-        chunk_of(answer)
+        chunk_of(answer, observation.action_dim)
     except PolicyMismatch as error:
         raise PolicyMismatch(f"policy '{name}': {error}") from None
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_NAMES, Delivered, FloatArray, StepOutcome
+from robogauntlet.adapters.contract import ACTION_DIM, Delivered, FloatArray, StepOutcome
 from robogauntlet.orchestrator.perturbations.base import Perturbed, generator_for
 
 OPEN_GRIPPER = -1.0
@@ -34,7 +34,7 @@ class PerturbedActions(Perturbed):
 
 
 class ActionNoise(PerturbedActions):
-    """Noise in the executed translation."""
+    """Noise in the executed translation, of each arm its own."""
 
     def reset(self, seed: int) -> None:
         """Start the episode."""
@@ -45,18 +45,23 @@ class ActionNoise(PerturbedActions):
         spec = self.action_spec
         generator = generator_for(self.episode.pair_id, self._steps)
         noisy = action.copy()
-        noisy[:3] += step_deviation(self.level, spec.control_hz) * generator.standard_normal(3)
-        noisy[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
+        moved = self._translations()
+        noisy[moved] += step_deviation(self.level, spec.control_hz) * generator.standard_normal(len(moved))
+        noisy[spec.ignored_places] = 0.0
         noisy = np.clip(noisy, spec.low, spec.high)
-        self._squares += float(np.square(noisy[:3] - action[:3]).sum())
+        self._squares += float(np.square(noisy[moved] - action[moved]).sum())
         return noisy
 
     def delivered(self) -> Delivered:
         """The deviation of the executed actions from the commanded ones, clipping included."""
         if not self._steps:
             return Delivered(None)
-        per_step = math.sqrt(self._squares / (3 * self._steps))
+        per_step = math.sqrt(self._squares / (len(self._translations()) * self._steps))
         return Delivered(100 * per_step * math.sqrt(self.action_spec.control_hz))
+
+    def _translations(self) -> list[int]:
+        """Positions in an action of the translations of its arms."""
+        return [arm * ACTION_DIM + axis for arm in range(self.action_spec.arms) for axis in range(3)]
 
 
 class ActionDelay(PerturbedActions):
@@ -65,9 +70,10 @@ class ActionDelay(PerturbedActions):
     def reset(self, seed: int) -> None:
         """Start the episode; the robot stays until the first action arrives."""
         super().reset(seed)
-        still = np.zeros(len(ACTION_NAMES))
-        still[ACTION_NAMES.index("gripper")] = 0.0 if "gripper" in self.action_spec.ignored else OPEN_GRIPPER
-        self._delayed = [still] * delay_steps(self.level, self.action_spec.control_hz, least=int(self.severity >= 1))
+        spec = self.action_spec
+        still = np.array([OPEN_GRIPPER if name.endswith("gripper") else 0.0 for name in spec.names])
+        still[spec.ignored_places] = 0.0
+        self._delayed = [still] * delay_steps(self.level, spec.control_hz, least=int(self.severity >= 1))
 
     def _executed(self, action: FloatArray) -> FloatArray:
         self._delayed.append(action)

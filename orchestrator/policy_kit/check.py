@@ -20,6 +20,7 @@ from robogauntlet.orchestrator.policy_kit.picture import draw_picture
 from robogauntlet.orchestrator.policy_kit.recording import InvalidAnswer, Play, play
 from robogauntlet.policies.contract import (
     Policy,
+    PolicyError,
     PolicyInput,
     PolicyMismatch,
     PolicySpec,
@@ -59,6 +60,8 @@ def check_policy(probe: Probe) -> Iterator[Finding | Image]:
         PolicyError: The policy cannot be loaded, or cannot act in the task.
         AdapterError: The task cannot be opened.
     """
+    if simulators.arms_of(probe.task) != 1:
+        raise PolicyError(f"expected a task of one arm, in which policies are checked; {probe.task} has two")
     policy = build_policy(probe.source)
     try:
         try:

@@ -166,8 +166,7 @@ def _find(
     suite = _fitted(suite, spec) if fit else suite
     _check_fit(spec, suite)
     if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
-        instruction = simulators.task_descriptions()[suite.tasks[0]].instruction
-        check_first_answer(entry.name, policy.ask, suite.view, instruction)
+        check_first_answer(entry.name, policy.ask, suite.view, simulators.task_descriptions()[suite.tasks[0]])
     return source, "", suite
 
 
@@ -207,5 +206,6 @@ def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:
 
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:
-    check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
+    actions = ActionSpec(1.0, 1.0, 1.0, arms=simulators.arms_of(suite.tasks[0]))
+    check_fit(spec, actions, ObservationSpec(suite.cameras, suite.image_size))
     check_tasks(spec, suite.tasks)

@@ -16,7 +16,7 @@ from robogauntlet.policies.oracles.plugins import OraclePlugin, load_oracles
 from robogauntlet.suites.episode import Episode
 from robogauntlet.suites.plugins import BrokenPlugin
 
-_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "gymnasium", "libero")
+_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "gymnasium", "libero", "two_arms")
 
 
 @cache
@@ -42,7 +42,7 @@ def broken_plugins() -> tuple[BrokenPlugin, ...]:
 class OraclePolicy:
     """Acts by the script of the episode's task, which is called before every control step."""
 
-    spec = PolicySpec(PolicyInput.PRIVILEGED_STATE, chunk_length=1)
+    spec = PolicySpec(PolicyInput.PRIVILEGED_STATE, chunk_length=1, action_dim=None)
 
     def __init__(self) -> None:
         self._playing: dict[str, Script] = {}

@@ -367,4 +367,8 @@ def _script_of(name: str) -> Callable[[], Script]:
 
 
 _SIMULATOR = simulators().get("robosuite")
-SCRIPTS = {f"robosuite/{name}": _script_of(name) for name in (_SIMULATOR.tasks if _SIMULATOR else ())}
+SCRIPTS = {
+    f"robosuite/{name}": _script_of(name)
+    for name, task in (_SIMULATOR.tasks.items() if _SIMULATOR else ())
+    if task.arms == 1
+}

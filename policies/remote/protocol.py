@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from robogauntlet.adapters.contract import ACTION_NAMES, PROPRIOCEPTION_DIM, Observation
+from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM, Observation
 from robogauntlet.policies.contract import Decision, Policy, PolicyInput, PolicySpec, Query, Routing, StatelessPolicy
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, CAMERA_KEYS, INSTRUCTION_KEY, STATE_KEY
@@ -49,9 +49,9 @@ _DIGEST = re.compile(r"[!-~]{1,200}")
 
 
 def greeting_of(policy: Policy, digest: str) -> Greeting:
-    """Return the greeting of a policy's server."""
+    """Return the greeting of a policy's server. The protocol is that of one arm."""
     forgets = isinstance(policy, StatelessPolicy) and type(policy).finish is StatelessPolicy.finish
-    return Greeting(digest, policy.spec, remembers=not forgets)
+    return Greeting(digest, replace(policy.spec, action_dim=policy.spec.action_dim or ACTION_DIM), not forgets)
 
 
 def as_metadata(greeting: Greeting) -> dict[str, Any]:

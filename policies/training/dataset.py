@@ -46,9 +46,11 @@ class Batch:
     images: Mapping[str, NDArray[np.uint8]]
     """Camera name to images (b, size, size, 3)."""
     states: Floats
-    """Proprioception, shape (b, 8)."""
+    """Proprioception, shape (b, 8 * arms)."""
     actions: Floats
-    """Actions from this step on, shape (b, chunk, 7). Past the episode's end: no motion, the gripper's last command."""
+    """Actions from this step on, shape (b, chunk, 7 * arms).
+
+    Past the episode's end: no motion, the gripper's last command."""
     mask: NDArray[np.bool_]
     """False past the episode's end, shape (b, chunk)."""
     instructions: tuple[str, ...]
@@ -65,8 +67,8 @@ class Demonstrations:
         info, self.spec = _read_info(folder)
         self._files = sorted((folder / "data").glob("*/*.parquet"))
         table = self._read([STATE, ACTION, SUCCESS, "episode_index", "index", "task_index"])
-        self.states: Floats = self._column(table, STATE, PROPRIOCEPTION_DIM).astype(np.float32)
-        self.actions: Floats = self._column(table, ACTION, ACTION_DIM).astype(np.float32)
+        self.states: Floats = self._column(table, STATE, PROPRIOCEPTION_DIM * self.spec.arms).astype(np.float32)
+        self.actions: Floats = self._column(table, ACTION, ACTION_DIM * self.spec.arms).astype(np.float32)
         self.success: NDArray[np.bool_] = self._column(table, SUCCESS, 1)[:, 0].astype(np.bool_)
         episode = self._column(table, "episode_index", 1)[:, 0]
         index = self._column(table, "index", 1)[:, 0]

@@ -19,7 +19,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM, FloatArray, Image
+from robogauntlet.adapters.contract import (
+    ACTION_DIM,
+    ACTION_NAMES,
+    PROPRIOCEPTION_DIM,
+    FloatArray,
+    Image,
+    names_of_arms,
+)
 from robogauntlet.policies.stored import StoredError
 
 CODEBASE_VERSION = "v3.0"
@@ -50,9 +57,9 @@ class Recording:
     instruction: str
     control_hz: float
     states: FloatArray
-    """Proprioception before the step, shape (n, 8), see `robogauntlet.adapters.contract`."""
+    """Proprioception before the step, shape (n, 8 * arms), see `robogauntlet.adapters.contract`."""
     actions: FloatArray
-    """Commanded actions, shape (n, 7), without the noise that was executed with them."""
+    """Commanded actions, shape (n, 7 * arms), without the noise that was executed with them."""
     success: NDArray[np.bool_]
     """The task's predicate after the step, shape (n,)."""
     images: Mapping[str, Sequence[Image]]
@@ -70,6 +77,8 @@ class DatasetSpec:
     cameras: tuple[str, ...]
     image_size: int
     """Height and width (px)."""
+    arms: int = 1
+    """Arms that act, 1 or 2."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,8 @@ def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
         raise ValueError(
             f"expected 1 to {MAX_FPS} frames per second and images of 1 to {MAX_SIZE} px, got fps {fps} and {size} px"
         )
-    return DatasetSpec(fps, tuple(images), size)
+    arms = 2 if info["features"].get(ACTION, {}).get("shape") == [2 * ACTION_DIM] else 1
+    return DatasetSpec(fps, tuple(images), size, arms)
 
 
 def encode_episode(recording: Recording) -> EncodedEpisode:
@@ -130,8 +140,9 @@ def encode_episode(recording: Recording) -> EncodedEpisode:
         raise DatasetError(f"expected at least one step and one camera, got {n} and {len(recording.images)}")
     stacked = {camera: np.stack(list(frames)) for camera, frames in recording.images.items()}
     size = next(iter(stacked.values())).shape[1]
-    _check_shape("states", recording.states, (n, PROPRIOCEPTION_DIM))
-    _check_shape("actions", recording.actions, (n, ACTION_DIM))
+    arms = 2 if recording.actions.shape[1:] == (2 * ACTION_DIM,) else 1
+    _check_shape("states", recording.states, (n, PROPRIOCEPTION_DIM * arms))
+    _check_shape("actions", recording.actions, (n, ACTION_DIM * arms))
     _check_shape("success", recording.success, (n,))
     for camera, frames in stacked.items():
         _check_shape(f"images of {camera}", frames, (n, size, size, 3))
@@ -142,7 +153,7 @@ def encode_episode(recording: Recording) -> EncodedEpisode:
     return EncodedEpisode(
         recording.seed,
         recording.instruction,
-        DatasetSpec(fps, tuple(stacked), size),
+        DatasetSpec(fps, tuple(stacked), size, arms),
         states,
         actions,
         success,
@@ -195,9 +206,13 @@ def features(spec: DatasetSpec) -> dict[str, dict[str, Any]]:
     """Return the columns in the form of `meta/info.json`."""
     shape = [spec.image_size, spec.image_size, 3]
     names = ["height", "width", "channels"]
+
+    def numbers(of_one: Sequence[str]) -> list[str]:
+        return list(names_of_arms(of_one, spec.arms))
+
     return {
-        STATE: {"dtype": "float32", "shape": [PROPRIOCEPTION_DIM], "names": list(STATE_NAMES)},
-        ACTION: {"dtype": "float32", "shape": [ACTION_DIM], "names": list(ACTION_NAMES)},
+        STATE: {"dtype": "float32", "shape": [PROPRIOCEPTION_DIM * spec.arms], "names": numbers(STATE_NAMES)},
+        ACTION: {"dtype": "float32", "shape": [ACTION_DIM * spec.arms], "names": numbers(ACTION_NAMES)},
         **{image_key(camera): {"dtype": "image", "shape": shape, "names": names} for camera in spec.cameras},
         SUCCESS: {"dtype": "bool", "shape": [1], "names": None},
         "timestamp": {"dtype": "float32", "shape": [1], "names": None},

@@ -1,8 +1,10 @@
-"""What the contract's values refuse."""
+"""What the contract's values refuse, and the numbers of two arms."""
 
+import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import Goal
+from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, Goal, Observation
+from robogauntlet.adapters.frames import proprioception
 
 
 @pytest.mark.parametrize(
@@ -29,3 +31,26 @@ def test_a_goal_that_cannot_be_measured_is_refused_with_the_name_of_the_value(va
 def test_a_goal_takes_any_axes_once_and_an_offset_for_all_or_for_each():
     assert Goal("cube_position", axes="zx", offset=(0.0, 0.0, 0.1)).axes == "zx"
     assert Goal("hinge_angle", offset=(0.3,)).offset == (0.3,)
+
+
+def test_an_action_of_two_arms_has_the_numbers_of_the_first_and_then_those_of_the_second():
+    spec = ActionSpec(0.02, 0.1, 20.0, ignored=("rz", "second_gripper"), arms=2)
+    assert spec.names == (*ACTION_NAMES, *(f"second_{name}" for name in ACTION_NAMES))
+    assert np.array_equal(spec.high, np.tile(ActionSpec(0.02, 0.1, 20.0).high, 2))
+    assert np.array_equal(spec.low, -spec.high)
+    assert spec.ignored_places == [5, 13]
+
+
+def test_the_numbers_of_one_arm_have_no_prefix():
+    assert ActionSpec(0.02, 0.1, 20.0).names == ACTION_NAMES
+
+
+def test_proprioception_of_two_arms_is_that_of_each_in_order():
+    def state(prefix, x):
+        position = {f"{prefix}tcp_position": np.array([x, 0.0, 0.1]), f"{prefix}finger_positions": np.full(2, 0.04)}
+        return position | {f"{prefix}tcp_quaternion": np.array([1.0, 0.0, 0.0, 0.0])}
+
+    first, second = state("", 0.4), state("second_", 0.5)
+    seen = proprioception(first | second)
+    assert np.array_equal(seen, [*proprioception(first), *proprioception(state("", 0.5))])
+    assert [Observation({}, numbers, "").action_dim for numbers in (seen[:8], seen)] == [7, 14]

@@ -15,6 +15,7 @@ def steps_to_success(simulator, task, seeds, *, noise=0.0, horizons=1):
     deviation of the executed motion, as a share of the largest in one step.
     """
     simulation = simulator.open(task, FAST)
+    moving = [place for place, name in enumerate(simulation.action_spec.names) if not name.endswith("gripper")]
     steps = []
     for seed in seeds:
         script = scripts()[f"{simulator.name}/{task}"]()
@@ -23,7 +24,7 @@ def steps_to_success(simulator, task, seeds, *, noise=0.0, horizons=1):
         for step in range(horizons * simulator.tasks[task].horizon):
             action = script(simulation.privileged_state())
             assert (abs(action) <= spec.high + 1e-12).all()
-            action[:6] += noise * spec.high[:6] * generator.standard_normal(6)
+            action[moving] += noise * spec.high[moving] * generator.standard_normal(len(moving))
             held = held + 1 if simulation.step(np.clip(action, spec.low, spec.high)).success else 0
             if held == SUCCESS_HOLD:
                 success = step + 1

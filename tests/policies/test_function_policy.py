@@ -1,5 +1,7 @@
 """Functions and callable objects as policies: an object with `reset` plays one episode at a time, from its reset on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,17 @@ class Counter:
 
 def episode(seed):
     return Episode("mine", "0", "null/Reach", seed, Protocol(12, 4, View(image_size=16)))
+
+
+def test_a_function_answers_with_the_numbers_of_the_arms_that_it_is_shown():
+    def act(images, proprioception, instruction):
+        return np.zeros((1, 7 * len(proprioception) // 8))
+
+    for numbers in (8, 16):
+        query = Query(episode(0), 0, replace(OBSERVATION, proprioception=np.zeros(numbers)))
+        assert as_policy(act, {}, "m:act").act([query])[0].actions.shape == (1, 7 * numbers // 8)
+    with one_line_error(PolicyError, r"m:act: expected an action chunk of shape \(n, 14\) with n >= 1, got \(1, 7\)"):
+        as_policy(lambda images, proprioception, instruction: np.zeros((1, 7)), {}, "m:act").act([query])
 
 
 def answers(policy, *seeds):

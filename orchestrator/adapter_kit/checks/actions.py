@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -41,12 +42,12 @@ GRIPPING = 15
 ORACLE_SEEDS = range(2)
 
 
-def _lifted(subject: CheckedTask, back: FloatArray | None = None) -> Simulation:
-    """Bring the tool to rest a little above the start, then execute some steps of `back`."""
+def _lifted(subject: CheckedTask, arm: str, back: FloatArray | None = None) -> Simulation:
+    """Bring an arm's tool to rest a little above the start, then execute some steps of `back`."""
     simulation = subject.reset()
     height = min(0.02, simulation.action_spec.max_translation)
     for _ in range(3):
-        simulation.step(subject.action(dz=height))
+        simulation.step(subject.action(**{f"{arm}dz": height}))
     if back is not None:
         for _ in range(RUN_UP + MEASURED):
             simulation.step(back.copy())
@@ -55,8 +56,8 @@ def _lifted(subject: CheckedTask, back: FloatArray | None = None) -> Simulation:
     return simulation
 
 
-def _position(simulation: Simulation) -> FloatArray:
-    return np.array(simulation.privileged_state()["tcp_position"])
+def _position(simulation: Simulation, arm: str) -> FloatArray:
+    return np.array(simulation.privileged_state()[f"{arm}tcp_position"])
 
 
 def _translation(name: str) -> Check:
@@ -67,22 +68,22 @@ def _translation(name: str) -> Check:
         """In steady motion, a translation moves the tool by as many metres, along its axis of the base frame."""
         length = min(LENGTH, subject.simulation.action_spec.max_translation)
         distance = MEASURED * length
-        for sign in (1, -1):
-            action = subject.action(**{name: sign * length})
+        for arm, sign in itertools.product(subject.arms, (1, -1)):
+            action = subject.action(**{arm + name: sign * length})
             # A tool may start at the edge of its controller's range, so it first moves the other way, but not down.
-            back = None if (name, sign) == ("dz", 1) else subject.action(**{name: -sign * length})
-            simulation = _lifted(subject, back)
+            back = None if (name, sign) == ("dz", 1) else subject.action(**{arm + name: -sign * length})
+            simulation = _lifted(subject, arm, back)
             for _ in range(RUN_UP):
                 simulation.step(action)
-            start = _position(simulation)
+            start = _position(simulation, arm)
             for _ in range(MEASURED):
                 simulation.step(action)
-            moved = sign * (_position(simulation) - start)
+            moved = sign * (_position(simulation, arm) - start)
             sideways = float(np.abs(np.delete(moved, axis)).max())
             numbers = ", ".join(f"{sign * m:+.3f} m in {a}" for m, a in zip(moved, "xyz", strict=True))
             yield from expect(
                 abs(moved[axis] - distance) <= TOLERANCE * distance and sideways <= SIDEWAYS * distance,
-                f"{MEASURED} steps of {sign * length:+g} m in {name} to move the tool by {sign * distance:+.3f} m",
+                f"{MEASURED} steps of {sign * length:+g} m in {arm}{name} to move the tool by {sign * distance:+.3f} m",
                 f"it moved by {numbers}{hint(moved[axis] / distance)}",
             )
 
@@ -105,57 +106,59 @@ def _rotation(name: str) -> Check:
     )
     def rotation(subject: CheckedTask) -> Iterator[Violation]:
         """In steady motion, a rotation turns the tool by as many radians about its axis of the base frame."""
-        ignored = subject.ignores(name)
-        angle = ANGLE if ignored else min(ANGLE, subject.simulation.action_spec.max_rotation)
-        simulation = _lifted(subject)
-        action = subject.action(**{name: angle})
-        for _ in range(RUN_UP):
-            simulation.step(action)
-        start = _orientation(simulation)
-        for _ in range(MEASURED):
-            simulation.step(action)
-        turned = (_orientation(simulation) * start.inv()).as_rotvec()
-        total = MEASURED * angle
-        numbers = ", ".join(f"{t:+.3f} rad about {a}" for t, a in zip(turned, "xyz", strict=True))
-        seen = f"it turned by {numbers}{hint(turned[axis] / total)}"
-        if ignored:
-            still = np.abs(turned).max() <= DRAG
-            yield from expect(still, f"no turn from {name}, which is declared ignored", seen)
-            return
-        about_others = np.abs(np.delete(turned, axis)).max()
-        yield from expect(
-            abs(turned[axis] - total) <= TOLERANCE * total and about_others <= ASIDE_ANGLE * total,
-            f"{MEASURED} steps of {angle:+g} rad in {name} to turn the tool by {total:+.3f} rad",
-            seen,
-        )
+        for arm in subject.arms:
+            ignored = subject.ignores(arm + name)
+            angle = ANGLE if ignored else min(ANGLE, subject.simulation.action_spec.max_rotation)
+            simulation = _lifted(subject, arm)
+            action = subject.action(**{arm + name: angle})
+            for _ in range(RUN_UP):
+                simulation.step(action)
+            start = _orientation(simulation, arm)
+            for _ in range(MEASURED):
+                simulation.step(action)
+            turned = (_orientation(simulation, arm) * start.inv()).as_rotvec()
+            total = MEASURED * angle
+            numbers = ", ".join(f"{t:+.3f} rad about {a}" for t, a in zip(turned, "xyz", strict=True))
+            seen = f"it turned by {numbers}{hint(turned[axis] / total)}"
+            if ignored:
+                still = np.abs(turned).max() <= DRAG
+                yield from expect(still, f"no turn from {arm}{name}, which is declared ignored", seen)
+                continue
+            about_others = np.abs(np.delete(turned, axis)).max()
+            yield from expect(
+                abs(turned[axis] - total) <= TOLERANCE * total and about_others <= ASIDE_ANGLE * total,
+                f"{MEASURED} steps of {angle:+g} rad in {arm}{name} to turn the tool by {total:+.3f} rad",
+                seen,
+            )
 
     return rotation
 
 
-def _orientation(simulation: Simulation) -> Rotation:
-    return Rotation.from_quat(simulation.privileged_state()["tcp_quaternion"])
+def _orientation(simulation: Simulation, arm: str) -> Rotation:
+    return Rotation.from_quat(simulation.privileged_state()[f"{arm}tcp_quaternion"])
 
 
 @check("action-gripper", look="Simulation.step and finger_positions: -1 opens, +1 closes")
 def gripper(subject: CheckedTask) -> Iterator[Violation]:
     """The gripper opens at -1 and closes at +1, unless it is declared ignored."""
-    widths = {}
-    for command in (-1.0, 1.0):
-        simulation = subject.reset()
-        height = min(0.005, simulation.action_spec.max_translation)
-        for _ in range(GRIPPING):
-            simulation.step(subject.action(dz=height, gripper=command))
-        widths[command] = float(np.abs(simulation.privileged_state()["finger_positions"]).sum())
-    seen = f"{widths[-1.0]:.3f} m apart after {GRIPPING} steps at -1, {widths[1.0]:.3f} m at +1"
-    if subject.ignores("gripper"):
-        still = abs(widths[1.0] - widths[-1.0]) <= 1e-3
-        yield from expect(still, "fingers that stay, since `gripper` is declared ignored", seen)
-        return
-    yield from expect(
-        widths[-1.0] > OPEN_WIDTH and widths[1.0] < CLOSED_WIDTH,
-        f"fingers more than {OPEN_WIDTH:g} m apart at -1, less than {CLOSED_WIDTH:g} m at +1",
-        seen,
-    )
+    for arm in subject.arms:
+        widths = {}
+        for command in (-1.0, 1.0):
+            simulation = subject.reset()
+            height = min(0.005, simulation.action_spec.max_translation)
+            for _ in range(GRIPPING):
+                simulation.step(subject.action(**{f"{arm}dz": height, f"{arm}gripper": command}))
+            widths[command] = float(np.abs(simulation.privileged_state()[f"{arm}finger_positions"]).sum())
+        seen = f"{widths[-1.0]:.3f} m apart after {GRIPPING} steps at -1, {widths[1.0]:.3f} m at +1"
+        if subject.ignores(f"{arm}gripper"):
+            still = abs(widths[1.0] - widths[-1.0]) <= 1e-3
+            yield from expect(still, f"fingers that stay, since `{arm}gripper` is declared ignored", seen)
+            continue
+        yield from expect(
+            widths[-1.0] > OPEN_WIDTH and widths[1.0] < CLOSED_WIDTH,
+            f"fingers more than {OPEN_WIDTH:g} m apart at -1 of {arm}gripper, less than {CLOSED_WIDTH:g} m at +1",
+            seen,
+        )
 
 
 @check("action-ignored", look="`ignored` of the ActionSpec, and how step uses these numbers")
@@ -164,9 +167,9 @@ def ignored(subject: CheckedTask) -> Iterator[Violation]:
     spec = subject.simulation.action_spec
     bounds = np.where(spec.high > 0.0, spec.high, ANGLE)
     moving = subject.action(dx=0.5 * spec.max_translation, gripper=0.5)
-    moving[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
+    moving[spec.ignored_places] = 0.0
     usual = _end(subject, moving)
-    for number, name in enumerate(ACTION_NAMES):
+    for number, name in enumerate(spec.names):
         differs = False
         for value in (-bounds[number], bounds[number]):
             other = moving.copy()
@@ -182,8 +185,8 @@ def ignored(subject: CheckedTask) -> Iterator[Violation]:
 def clipped(subject: CheckedTask) -> Iterator[Violation]:
     """An action beyond the bounds is clipped to them."""
     spec = subject.simulation.action_spec
-    signs = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
-    signs[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
+    signs = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0] * spec.arms)
+    signs[spec.ignored_places] = 0.0
     same = _end(subject, signs * spec.high) == _end(subject, 3.0 * signs * spec.high)
     yield from expect(same, "3 times the bounds to do what the bounds do", "another state after 5 steps")
 

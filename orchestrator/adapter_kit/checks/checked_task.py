@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from robogauntlet.adapters.contract import (
-    ACTION_NAMES,
+    ARMS,
     AdapterError,
     FloatArray,
     Image,
@@ -121,22 +121,25 @@ class CheckedTask:
         elif picture and (simulation.picture() != start.picture).any():
             yield "another picture"
 
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """What the names of each arm's numbers begin with."""
+        return ARMS[: self.simulation.action_spec.arms]
+
     def ignores(self, name: str) -> bool:
         """Return whether an action dimension is declared to have no effect."""
         return name in self.simulation.action_spec.ignored
 
     def action(self, **values: float) -> FloatArray:
-        """An action (7,) with an open gripper and the given numbers."""
-        action = np.zeros(len(ACTION_NAMES))
-        action[-1] = -1.0
-        for name, value in values.items():
-            action[ACTION_NAMES.index(name)] = value
-        return action
+        """An action (7 * arms,) with open grippers and the given numbers."""
+        names = self.simulation.action_spec.names
+        return np.array([values.get(name, -1.0 if name.endswith("gripper") else 0.0) for name in names])
 
     def random_actions(self, seed: int, count: int) -> FloatArray:
-        """Actions (count, 7), drawn uniformly within the bounds."""
-        scale = np.minimum([STEP] * 3 + [TURN] * 3 + [1.0], self.simulation.action_spec.high)
-        return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(ACTION_NAMES))) * scale
+        """Actions (count, 7 * arms), drawn uniformly within the bounds."""
+        spec = self.simulation.action_spec
+        scale = np.minimum(([STEP] * 3 + [TURN] * 3 + [1.0]) * spec.arms, spec.high)
+        return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(scale))) * scale
 
     def close(self) -> None:
         """Close the task if it is open."""

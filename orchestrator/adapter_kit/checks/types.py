@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Set
 import numpy as np
 
 from robogauntlet.adapters.contract import (
-    ACTION_NAMES,
     PICTURE_SIZE,
     PROPRIOCEPTION_DIM,
     ActionSpec,
     Observation,
     ObservationSpec,
     StepOutcome,
+    names_of_arms,
 )
 from robogauntlet.adapters.frames import axis_angle
 from robogauntlet.adapters.scene_control import ADJUSTABLE
@@ -86,9 +86,12 @@ def specs(subject: CheckedTask) -> Iterator[Violation]:
     for name, (low, high, unit) in PER_STEP.items():
         value = getattr(action, name)
         yield from expect(low <= value <= high, f"{name} of {low:g} to {high:g} {unit}", f"{value:g}")
-    unknown = set(action.ignored) - set(ACTION_NAMES)
-    yield from expect(not unknown, f"`ignored` out of {', '.join(ACTION_NAMES)}", _listed(unknown))
-    declared = action.max_rotation != 0.0 or {"rx", "ry", "rz"} <= set(action.ignored)
+    arms = subject.description.arms
+    yield from expect(action.arms == arms, f"{arms} as `arms`, as the TaskDescription says", f"{action.arms}")
+    unknown = set(action.ignored) - set(action.names)
+    yield from expect(not unknown, f"`ignored` out of {', '.join(action.names)}", _listed(unknown))
+    rotations = {name for name in action.names if name.endswith(("rx", "ry", "rz"))}
+    declared = action.max_rotation != 0.0 or rotations <= set(action.ignored)
     expected = "rotations declared in `ignored` where max_rotation is 0"
     yield from expect(declared, expected, f"ignored: {action.ignored}")
     asked = ObservationSpec(subject.view.cameras, subject.view.image_size)
@@ -104,11 +107,12 @@ def observation(subject: CheckedTask) -> Iterator[Violation]:
         yield Violation("an Observation", type(seen).__name__)
         return
     cameras, size = subject.view.cameras, subject.view.image_size
+    numbers = PROPRIOCEPTION_DIM * len(subject.arms)
     expected = f"images of {', '.join(cameras)}, in this order"
     yield from expect(tuple(seen.images) == cameras, expected, ", ".join(seen.images) or "none")
     for camera, image in seen.images.items():
         yield from _array(f"the image of {camera}", image, (size, size, 3), np.dtype(np.uint8))
-    yield from _array("proprioception", seen.proprioception, (PROPRIOCEPTION_DIM,), np.dtype(np.float64))
+    yield from _array("proprioception", seen.proprioception, (numbers,), np.dtype(np.float64))
     instruction = subject.description.instruction
     same = seen.instruction == instruction
     yield from expect(same, f"the task's instruction, '{instruction}'", repr(seen.instruction))
@@ -128,17 +132,20 @@ def units(subject: CheckedTask) -> Iterator[Violation]:
     """The tool starts in front of the base, pointing down, in metres and radians."""
     simulation = subject.reset()
     state, seen = simulation.privileged_state(), simulation.observe().proprioception
-    for name, position in (("tcp_position", state["tcp_position"]), ("proprioception[:3]", seen[:3])):
-        if not np.abs(position).max() < FARTHEST:
-            yield Violation(f"{name} within {FARTHEST:g} m of the base", _numbers(position))
-        elif not (position[0] > 0.1 and abs(position[1]) < position[0]):
-            yield Violation(f"{name} in front of the base: x forward, y left", f"{_numbers(position)} m")
-    turn = float(np.linalg.norm(seen[3:6]))
-    expected = "proprioception[3:6] near (pi, 0, 0) rad, pointing down"
-    yield from expect(abs(turn - np.pi) < 0.35, expected, f"{_numbers(seen[3:6])}: {turn:.2f} long")
-    for name, fingers in (("finger_positions", state["finger_positions"]), ("proprioception[6:]", seen[6:])):
-        near = np.abs(fingers).max() < WIDEST
-        yield from expect(near, f"{name} within {WIDEST:g} m of the middle", _numbers(fingers))
+    for arm, own in zip(subject.arms, np.split(seen, len(subject.arms)), strict=True):
+        part = f"{arm}proprioception"
+        positions = ((f"{arm}tcp_position", state[f"{arm}tcp_position"]), (f"{part}[:3]", own[:3]))
+        for name, position in positions:
+            if not np.abs(position).max() < FARTHEST:
+                yield Violation(f"{name} within {FARTHEST:g} m of the base", _numbers(position))
+            elif not (position[0] > 0.1 and abs(position[1]) < position[0]):
+                yield Violation(f"{name} in front of the base: x forward, y left", f"{_numbers(position)} m")
+        turn = float(np.linalg.norm(own[3:6]))
+        expected = f"{part}[3:6] near (pi, 0, 0) rad, pointing down"
+        yield from expect(abs(turn - np.pi) < 0.35, expected, f"{_numbers(own[3:6])}: {turn:.2f} long")
+        for name, fingers in ((f"{arm}finger_positions", state[f"{arm}finger_positions"]), (f"{part}[6:]", own[6:])):
+            near = np.abs(fingers).max() < WIDEST
+            yield from expect(near, f"{name} within {WIDEST:g} m of the middle", _numbers(fingers))
 
 
 @check("privileged-state", look="Simulation.privileged_state")
@@ -148,7 +155,7 @@ def privileged_state(subject: CheckedTask) -> Iterator[Violation]:
     if not isinstance(state, Mapping):
         yield Violation("a mapping of names to arrays", type(state).__name__)
         return
-    for name in ("tcp_position", "tcp_quaternion", "finger_positions"):
+    for name in names_of_arms(("tcp_position", "tcp_quaternion", "finger_positions"), len(subject.arms)):
         yield from expect(name in state, f"`{name}`", _listed(state.keys()))
     shapes = {"_position": (3,), "_positions": (2,), "_quaternion": (4,)}
     for name, value in state.items():
@@ -167,14 +174,16 @@ def proprioception(subject: CheckedTask) -> Iterator[Violation]:
     for action in subject.random_actions(5, 6):
         simulation.step(action)
     seen, state = simulation.observe().proprioception, simulation.privileged_state()
-    parts = {
-        "position, tcp_position": (seen[:3], state["tcp_position"], 1e-6),
-        "axis-angle, axis_angle(tcp_quaternion)": (seen[3:6], axis_angle(state["tcp_quaternion"]), 1e-5),
-        "fingers, finger_positions": (seen[6:], state["finger_positions"], 1e-6),
-    }
-    for name, (given, true, tolerance) in parts.items():
-        same = np.allclose(given, true, atol=tolerance, rtol=0.0)
-        yield from expect(same, f"{name}: {_numbers(true)}", _numbers(given))
+    for arm, own in zip(subject.arms, np.split(seen, len(subject.arms)), strict=True):
+        turn = axis_angle(state[f"{arm}tcp_quaternion"])
+        parts = {
+            f"position, {arm}tcp_position": (own[:3], state[f"{arm}tcp_position"], 1e-6),
+            f"axis-angle, axis_angle({arm}tcp_quaternion)": (own[3:6], turn, 1e-5),
+            f"fingers, {arm}finger_positions": (own[6:], state[f"{arm}finger_positions"], 1e-6),
+        }
+        for name, (given, true, tolerance) in parts.items():
+            same = np.allclose(given, true, atol=tolerance, rtol=0.0)
+            yield from expect(same, f"{name}: {_numbers(true)}", _numbers(given))
 
 
 @check("step-outcome", look="Simulation.step")

@@ -4,10 +4,12 @@ import importlib
 import linecache
 import sys
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from robogauntlet.adapters.contract import TaskDescription
 from robogauntlet.orchestrator.api.served_object import ServedObject
 from robogauntlet.orchestrator.inference import first_answer
 from robogauntlet.policies import catalog
@@ -18,6 +20,7 @@ from tests.errors import one_line_error
 
 SPEED, PACKAGE = 0.01, "numpy"
 WRIST = View(("wrist",), 16)
+REACH = TaskDescription("reach", 60)
 
 
 def still(images, proprioception, instruction):
@@ -127,7 +130,7 @@ def test_a_class_or_factory_of_any_options_is_not_taken_for_a_function():
         def __call__(self, images, proprioception, instruction):
             return np.zeros((8, 7))
 
-    ServedObject(Open).check_answer(WRIST, "reach")
+    ServedObject(Open).check_answer(WRIST, REACH)
 
 
 def test_it_is_named_after_the_function_or_class():
@@ -147,7 +150,7 @@ def test_the_policy_of_a_run_is_the_served_one():
     with ServedObject(still) as served:
         entry = served.entry
         assert catalog.digest(entry.kind, entry.options) == digest(still)
-        assert catalog.spec(entry.kind, entry.options) == served.server.served.policy.spec
+        assert catalog.spec(entry.kind, entry.options) == replace(served.server.served.policy.spec, action_dim=7)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +181,7 @@ def test_what_is_no_policy_is_one_line(target, match):
 def test_an_answer_of_a_wrong_shape_is_one_line(answer, match):
     served = ServedObject(lambda images, proprioception, instruction: answer, name="wrong")
     with one_line_error(PolicyError, match):
-        served.check_answer(WRIST, "reach")
+        served.check_answer(WRIST, REACH)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -188,7 +191,7 @@ def test_a_function_may_need_something_to_see():
         return np.full((1, 7), rows.mean() if instruction == "reach" else rows[0])
 
     for instruction in ("reach", "push"):
-        ServedObject(act).check_answer(WRIST, instruction)
+        ServedObject(act).check_answer(WRIST, replace(REACH, instruction=instruction))
 
 
 def test_a_function_that_hangs_is_refused_before_anything_is_started(monkeypatch):
@@ -199,7 +202,7 @@ def test_a_function_that_hangs_is_refused_before_anything_is_started(monkeypatch
 
     monkeypatch.setattr(first_answer, "LIMIT_S", 0.1)
     with one_line_error(PolicyError, r"policy 'hangs': expected its first answer within 0.1 s, got none"):
-        ServedObject(hangs).check_answer(WRIST, "reach")
+        ServedObject(hangs).check_answer(WRIST, REACH)
     released.set()
 
 

@@ -121,14 +121,26 @@ class Scene:
         return getattr(self.inner, name)
 
 
+class TwoArms(Scene):
+    """The same with a second arm, which does nothing."""
+
+    def __init__(self):
+        super().__init__()
+        self.action_spec = replace(self.action_spec, ignored=(), arms=2)
+
+    def step(self, action):
+        self.executed.append(np.array(action))
+        return self.inner.step(action[:7])
+
+
 def episode(axis="clean", severity=0, policy="p", seed=4):
     """An episode of the null simulator's task."""
     return Episode(policy, policy, "null/Reach", seed, Protocol(40), Condition(axis, severity))
 
 
-def begin(axis, severity, **which):
+def begin(axis, severity, *, scene=None, **which):
     """A scene, and its perturbed simulation after the reset."""
-    scene = Scene()
+    scene = scene or Scene()
     simulation = perturbed(scene, episode(axis, severity, **which))
     simulation.reset(4)
     return scene, simulation

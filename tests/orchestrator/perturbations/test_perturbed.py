@@ -17,7 +17,7 @@ from robogauntlet.suites.axes import AXES, Changes
 from robogauntlet.suites.episode import View
 from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 from tests.orchestrator.episodes.test_rollout import Scripted
-from tests.orchestrator.perturbations.scene import Scene, begin, episode
+from tests.orchestrator.perturbations.scene import Scene, TwoArms, begin, episode
 
 IMAGE_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.IMAGES]
 ACTION_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.ACTIONS]
@@ -136,6 +136,24 @@ def test_action_noise_has_its_levels_deviation_and_keeps_ignored_dimensions():
     assert simulation.delivered().value == pytest.approx(2.0, rel=0.1)
     assert executed[:, :3].std() == pytest.approx(0.02 / 20**0.5, rel=0.1)
     assert not executed[:, 3:].any()
+
+
+def test_noise_moves_each_of_two_arms_by_its_own_and_leaves_their_grippers():
+    scene, simulation = begin("action-noise", 3, scene=TwoArms())
+    for _ in range(400):
+        simulation.step(np.zeros(14))
+    executed = np.stack(scene.executed)
+    assert simulation.delivered().value == pytest.approx(2.0, rel=0.1)
+    first, second = executed[:, :3], executed[:, 7:10]
+    assert second.std() == pytest.approx(first.std(), rel=0.1)
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.1
+    assert not executed[:, [3, 4, 5, 6, 10, 11, 12, 13]].any()
+
+
+def test_two_arms_wait_with_open_grippers_for_delayed_actions():
+    scene, simulation = begin("action-delay", 1, scene=TwoArms())
+    simulation.step(np.full(14, 0.01))
+    assert scene.executed[0].tolist() == ([0.0] * 6 + [-1.0]) * 2
 
 
 def test_a_blur_that_changes_nothing_is_an_error():

@@ -48,6 +48,16 @@ def test_recorded_episodes_are_read_back(dataset, recordings):
             assert np.array_equal(dataset.images(camera, frames), np.stack(r.images[camera]))
 
 
+def test_demonstrations_of_two_arms_are_read_back_and_no_network_is_trained_on_them(tmp_path):
+    recorded = recording(states=np.ones((12, 16)), actions=np.full((12, 14), 0.5))
+    write(tmp_path / "set", [recorded])
+    read = Demonstrations(tmp_path / "set")
+    assert np.array_equal(read.actions, recorded.actions.astype(np.float32))
+    assert read.states.shape == (12, 16)
+    with one_line_error(DatasetError, "set: expected demonstrations of one arm to train on, got of two"):
+        DatasetMixture([read])
+
+
 def test_a_chunk_ends_with_its_episode(dataset, recordings):
     batch = dataset.batch(np.array([0, 3, 5]))
     assert batch.actions.shape == (3, 8, 7)

@@ -15,8 +15,10 @@ from robogauntlet.policies.training.lerobot_format import (
     encode_episode,
     encode_png,
     episode_table,
+    features,
     number_statistics,
     pooled_image_statistics,
+    spec_of,
 )
 from tests.policies.training.synthetic import recording
 
@@ -80,6 +82,15 @@ def test_the_columns_are_those_that_lerobot_expects():
     hints = json.loads(table.schema.metadata[b"huggingface"])["info"]["features"]
     assert hints["observation.images.wrist"] == {"_type": "Image"}
     assert hints["action"]["length"] == 7
+
+
+def test_the_columns_of_two_arms_name_the_numbers_of_each():
+    episode = encode_episode(recording(states=np.zeros((12, 16)), actions=np.zeros((12, 14))))
+    columns = features(episode.spec)
+    assert columns["action"]["shape"] == [14]
+    assert columns["action"]["names"][6:8] == ["gripper", "second_dx"]
+    assert columns["observation.state"]["names"][7:9] == ["finger_right", "second_x"]
+    assert spec_of({"fps": 20, "features": columns}) == episode.spec
 
 
 @given(arrays.arrays(np.float32, (20, 3), elements=st.floats(-5, 5, width=32)))
