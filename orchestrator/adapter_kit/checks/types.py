@@ -47,6 +47,7 @@ def description(subject: CheckedTask) -> Iterator[Violation]:
     yield from expect(one_line, "an instruction in words, on one line", repr(task.instruction))
     positive = type(task.horizon) is int and task.horizon >= 1
     yield from expect(positive, "a horizon of 1 control step or more", repr(task.horizon))
+    yield from expect(task.arms in (1, 2), "1 or 2 arms", repr(task.arms))
     unknown = simulator.adjusts - ADJUSTABLE
     yield from expect(not unknown, f"`adjusts` out of {_listed(ADJUSTABLE)}", _listed(unknown))
     stray = task.fixed.keys() - simulator.adjusts

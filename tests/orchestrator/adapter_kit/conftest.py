@@ -9,7 +9,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import VIEW, CheckedTask
 from robogauntlet.policies import oracles
 from robogauntlet.policies.oracles.plugins import load_oracles
-from tests.orchestrator.adapter_kit import camera_variants, object_variants  # noqa: F401  register them
+from tests.orchestrator.adapter_kit import camera_variants, object_variants, two_arm_variants  # noqa: F401  register them
 from tests.orchestrator.adapter_kit.variants import VARIANTS
 
 

@@ -4,10 +4,10 @@ import os
 
 import pytest
 
-from robogauntlet.orchestrator.adapter_kit.checks import CHECKS, resources
+from robogauntlet.orchestrator.adapter_kit.checks import CHECKS, actions, resources, types
 from robogauntlet.orchestrator.adapter_kit.checks.check import Outcome
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
-from tests.orchestrator.adapter_kit import camera_variants, object_variants  # noqa: F401  register them
+from tests.orchestrator.adapter_kit import camera_variants, object_variants, two_arm_variants  # noqa: F401  register them
 from tests.orchestrator.adapter_kit.variants import VARIANTS
 
 VIOLATIONS = [
@@ -88,6 +88,11 @@ VIOLATIONS = [
     ("motionoffewer", "motion", "a Motion with 3 entries; seen: Motion("),
     ("motionsteps", "motion", "the same state before and after reading a motion"),
     ("motionpulls", "motion", "a contact force of 0 N or more, or None; seen: -1.0"),
+    ("secondgoesback", "action-dx", "in second_dx to move the tool by +0.050 m"),
+    ("secondnevergrips", "action-gripper", "at -1 of second_gripper"),
+    ("secondnevergrips", "action-ignored", "an effect of second_gripper, or its name in `ignored`"),
+    ("saysithasonearm", "specs", "1 as `arms`, as the TaskDescription says; seen: 2"),
+    ("hidesthesecondarm", "privileged-state", "`second_tcp_position`"),
     ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
     ("keepsfiles", "closes", "2 more file descriptor(s)"),
     ("keepsthreads", "closes", "2 more Python thread(s)"),
@@ -112,6 +117,11 @@ def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, ch
     special = {"objects-box": "movestheball", "objects-move": "movestheball", "culling": "culls", "motion": "moves"}
     correct = special.get(check, "correct")
     assert {result.outcome for result in CHECKS[check].run(subject(correct))} == {Outcome.PASSED}
+
+
+@pytest.mark.parametrize("check", sorted({c.name for c in (*types.CHECKS, *actions.CHECKS)} - {"oracle"}))
+def test_a_correct_adapter_of_two_arms_fails_no_check_of_its_numbers(subject, check):
+    assert Outcome.FAILED not in {result.outcome for result in CHECKS[check].run(subject("botharecorrect"))}
 
 
 def test_culling_is_not_checked_where_all_shapes_are_drawn(subject):

@@ -8,6 +8,8 @@ from robogauntlet.orchestrator.policy_kit import recording
 from robogauntlet.orchestrator.policy_kit.check import Probe, check_policy
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.policies import catalog
+from robogauntlet.policies.contract import PolicyError
+from tests.errors import one_line_error
 
 TOWARDS = """
 import numpy as np
@@ -62,6 +64,11 @@ def only(results, topic):
 
 def failed(results):
     return [r.topic for r in results if isinstance(r, Finding) and r.level is Level.FAILED]
+
+
+def test_a_task_of_two_arms_is_refused_in_one_line():
+    with one_line_error(PolicyError, "expected a task of one arm, in which policies are checked"):
+        checked("oracle", {}, "robosuite/TwoArmLift@TwoPandas")
 
 
 def test_state_that_leaks_from_episode_to_episode_fails(check):

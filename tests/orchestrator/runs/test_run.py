@@ -166,6 +166,15 @@ def test_a_policy_that_does_not_fit_is_refused_before_anything_starts(suite, mon
         make_plan(suite(SUITE.replace("[oracle, random]", "[untrained]"), **keys))
 
 
+def test_a_policy_of_one_arm_is_refused_in_a_task_of_two_before_anything_starts(suite):
+    tasks = "[null/Reach, robosuite/TwoArmLift@TwoPandas]"
+    text = SUITE.replace("[oracle, random]", "[random]")
+    with pytest.raises(SuiteError, match="TwoPandas accepts 14 numbers per action, the policy produces 7"):
+        make_plan(suite(text.replace("[null/Reach]", tasks)))
+    with pytest.raises(SuiteError, match="the simulation accepts 14 numbers per action, the policy produces 7"):
+        make_plan(suite(text.replace("[null/Reach]", "[robosuite/TwoArmLift@TwoPandas]")))
+
+
 def test_a_simulator_that_is_not_installed_is_skipped_and_named(run, suite, monkeypatch):
     lift = catalog.find("robosuite")
     known = {**catalog.simulators(), "robosuite": replace(lift, modules=("no_such_module",))}
