@@ -16,6 +16,12 @@ RIGHT_DOWN_FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.
 """The image's right, down and forward, as columns, in SAPIEN's camera frame: x forward, y left, z up."""
 
 
+def sensor_of(env: Any, camera: str) -> str:
+    """Return ManiSkill's name of a camera; of two arms, the wrist camera is that of the first."""
+    name = SENSORS[camera]
+    return name if name in env.scene.sensors else f"{env.agent.agents[0].uid}-0-{name}"
+
+
 class ManiSkillCameras:
     """`Cameras` of `scene_control`. Moves SAPIEN's own cameras, since ManiSkill's configuration is fixed."""
 
@@ -33,7 +39,7 @@ class ManiSkillCameras:
 
     def viewpoint(self, camera: str) -> Viewpoint:
         """Return a camera's present viewpoint; that of the wrist in the frame of its mount."""
-        seen = self._component(SENSORS[camera])
+        seen = self._component(sensor_of(self._env, camera))
         pose = seen.get_local_pose()
         if camera == "third_person":
             pose = self._base_from_world * pose
@@ -46,7 +52,7 @@ class ManiSkillCameras:
 
         quaternion = Rotation.from_matrix(viewpoint.rotation @ RIGHT_DOWN_FORWARD.T).as_quat()
         pose = sapien.Pose(viewpoint.position, np.roll(quaternion, 1))
-        names = [SENSORS[camera]]
+        names = [sensor_of(self._env, camera)]
         if camera == "third_person":
             pose = self._base_from_world.inv() * pose
             names.append(PICTURE)

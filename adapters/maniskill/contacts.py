@@ -14,12 +14,13 @@ FINGERS = 2
 class ManiSkillContacts:
     """Measures the force on the robot and the distance of its joints from their limits."""
 
-    def __init__(self, robot: Any, objects: Iterable[Any]) -> None:
-        """Take SAPIEN's articulation and the entities of the task's objects."""
-        self._robot = robot
-        self._links = {link.entity.name for link in robot.links}
+    def __init__(self, robots: Iterable[Any], objects: Iterable[Any]) -> None:
+        """Take SAPIEN's articulations and the entities of the task's objects."""
+        self._robots = list(robots)
+        self._links = {link.entity.name for robot in self._robots for link in robot.links}
         self._touchable = self._links | {entity.name for entity in objects}
-        self._low, self._high = robot.qlimits[:-FINGERS].T
+        limits = np.concatenate([robot.qlimits[:-FINGERS] for robot in self._robots])
+        self._low, self._high = limits.T
 
     def contact_force(self, physics: Any) -> float:
         """Return the sum of normal forces between the robot and all but itself and the objects (N)."""
@@ -32,5 +33,5 @@ class ManiSkillContacts:
 
     def joint_margin(self) -> float:
         """Return the smallest distance of the arm's joints from their limits, negative beyond one (rad)."""
-        joints = self._robot.qpos[:-FINGERS]
+        joints = np.concatenate([robot.qpos[:-FINGERS] for robot in self._robots])
         return float(np.minimum(joints - self._low, self._high - joints).min())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import product
 from typing import Any
@@ -22,11 +22,15 @@ class ManiSkillCulling:
     shadows nor reflections, so no pixel depends on it. All other bodies together have fewer triangles than one link.
     """
 
-    def __init__(self, robot: Any) -> None:
-        """Take SAPIEN's articulation."""
+    def __init__(self, robots: Iterable[Any]) -> None:
+        """Take SAPIEN's articulations."""
         import sapien
 
-        bodies = [link.entity.find_component_by_type(sapien.render.RenderBodyComponent) for link in robot.links]
+        bodies = [
+            link.entity.find_component_by_type(sapien.render.RenderBodyComponent)
+            for robot in robots
+            for link in robot.links
+        ]
         self._bodies = [body for body in bodies if body]
         self._corners = [np.hstack([_corners(shape) for shape in body.render_shapes]) for body in self._bodies]
 

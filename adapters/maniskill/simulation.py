@@ -18,7 +18,6 @@ profiles `standard` and `fast` are equal. `fast-2` draws the robot with fewer tr
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -37,25 +36,22 @@ from robogauntlet.adapters.contract import (
     SimulatorUnavailable,
     StepOutcome,
 )
-from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
+from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
-from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
+from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras, sensor_of
 from robogauntlet.adapters.maniskill.contacts import ManiSkillContacts
 from robogauntlet.adapters.maniskill.culling import ManiSkillCulling
 from robogauntlet.adapters.maniskill.dynamics import ManiSkillDynamics, renew_physics, wake
 from robogauntlet.adapters.maniskill.lights import ManiSkillLights
 from robogauntlet.adapters.maniskill.meshes import simplify_links
 from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
+from robogauntlet.adapters.maniskill.robot import arms_of
 from robogauntlet.adapters.maniskill.table import ManiSkillTable
 from robogauntlet.adapters.maniskill.tasks import LAYOUTS, TASKS
 from robogauntlet.adapters.scene_control import SceneControls
-from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.suites.episode import AT, RenderProfile, View
 
 ROBOT = "panda_wristcam"
-CONTROLLER_RANGE = 0.1
-"""Meaning of 1.0 in ManiSkill's controller: metres per axis, radians of the whole rotation."""
-EYE = (0.5, 0.5, 0.5)
-"""Third-person camera relative to its target (m)."""
 FIELD_OF_VIEW = 0.75
 """Vertical field of view of the third-person camera (rad)."""
 
@@ -68,31 +64,27 @@ class ManiSkillSimulation(BaseSimulation):
 
     def __init__(self, task: str, view: View, env: Any) -> None:
         self._env = env
-        spring = env.agent.controller.controllers["arm"].config
-        # A spring k with a damper d leaves exp(-k/d t) of the offset.
-        share = 1.0 - np.exp(-spring.stiffness / spring.damping / env.control_freq)
-        self._gain = 1.0 / share
-        reach = CONTROLLER_RANGE * share
-        super().__init__(view, TASKS[task].instruction, ActionSpec(reach, reach, float(env.control_freq)))
+        self._arms = arms_of(env)
+        reach = self._arms[0].reach
+        spec = ActionSpec(reach, reach, float(env.control_freq), arms=len(self._arms))
+        super().__init__(view, TASKS[task].instruction, spec)
         layout = LAYOUTS[task]
-        self._robot = env.agent.robot._objs[0]
-        self._tcp = env.agent.tcp._objs[0]
         self._objects = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.objects.items()}
         self._fixtures = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.fixtures.items()}
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._places = {**self._objects, **self._fixtures, "goal": self._goal}
-        self._contacts = ManiSkillContacts(self._robot, self._objects.values())
-        self._base_from_world = self._robot.pose.inv()
-        self._base_inverse = env.agent.controller.controllers["arm"].root_link.pose.inv()
+        articulations = [arm.articulation for arm in self._arms]
+        self._contacts = ManiSkillContacts(articulations, self._objects.values())
         self._low, self._high = self.action_spec.low, self.action_spec.high
-        self._culling: Any = ManiSkillCulling(self._robot)
+        self._culling: Any = ManiSkillCulling(articulations)
+        base_from_world, alone = self._arms[0].base_from_world, len(self._arms) == 1
         self.scene_controls = SceneControls(
-            cameras=ManiSkillCameras(env, self._base_from_world),
-            lights=ManiSkillLights(env, self._base_from_world),
-            objects=ManiSkillObjects(self._objects, layout.regions, self._base_from_world),
-            arm=ManiSkillArm(env, self._base_from_world),
+            cameras=ManiSkillCameras(env, base_from_world),
+            lights=ManiSkillLights(env, base_from_world),
+            objects=ManiSkillObjects(self._objects, layout.regions, base_from_world) if layout.regions else None,
+            arm=ManiSkillArm(env, base_from_world) if alone else None,
             dynamics=ManiSkillDynamics(self._objects.values()),
-            table=ManiSkillTable(env, self._base_from_world),
+            table=ManiSkillTable(env, base_from_world),
         )
 
     def reset(self, seed: int) -> None:
@@ -110,46 +102,35 @@ class ManiSkillSimulation(BaseSimulation):
 
     def draw(self, camera: str, size: int) -> Image:
         """Render a camera of the view. ManiSkill fixes the size of its cameras when the task is opened."""
-        return self._capture(self._env.scene.sensors[SENSORS[camera]])
+        return self._capture(self._env.scene.sensors[sensor_of(self._env, camera)])
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step. The reward is ManiSkill's sparse one (1 on success)."""
         action = np.clip(action, self._low, self._high)
-        self._command_joints(_command(action, self._gain))
+        for arm, own in zip(self._arms, np.split(action, len(self._arms)), strict=True):
+            arm.command(own)
         for _ in range(self._env.sim_freq // self._env.control_freq):
             self._env.scene.step()
         success = bool(self._env.evaluate()["success"])
         return StepOutcome(reward=float(success), success=success)
 
-    def _command_joints(self, command: Any) -> None:
-        """Set the joints' targets. ManiSkill's own `step` finds the tool's pose in the base frame twice."""
-        controllers = self._env.agent.controller.controllers
-        arm, gripper = controllers["arm"], controllers["gripper"]
-        target = arm.compute_target_pose(self._base_inverse * arm.ee_pose, arm._preprocess_action(command[:, :6]))
-        joints = arm.kinematics.compute_ik(target, arm.articulation.get_qpos())
-        arm.set_drive_targets(arm.qpos if joints is None else joints)
-        gripper.set_action(command[:, 6:])
-
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return tool, fingers, objects and goal, which is the centre of the target's disc or ball."""
-        position, quaternion = self._pose(self._tcp.entity_pose)
-        state = {
-            "tcp_position": position,
-            "tcp_quaternion": quaternion,
-            "finger_positions": self._robot.qpos[-2:].astype(np.float64),
-        }
+        first = self._arms[0]
+        state = {name: value for arm in self._arms for name, value in arm.state().items()}
+        if len(self._arms) == 2:
+            state["second_base_position"], state["second_base_quaternion"] = first.pose(self._arms[1].articulation.pose)
         for name, entity in (self._objects | self._fixtures).items():
-            state[f"{name}_position"], state[f"{name}_quaternion"] = self._pose(entity.pose)
+            state[f"{name}_position"], state[f"{name}_quaternion"] = first.pose(entity.pose)
         if self._goal is not None:
-            state["goal_position"], _ = self._pose(self._goal.pose)
+            state["goal_position"] = first.position(self._goal.pose)
         return state
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return tool and fingers, these entries of `privileged_state`, contacts and joint limits."""
-        first, second = self._robot.qpos[-2:].tolist()
         return Motion(
-            tool=self._position("tcp_position"),
-            opening=first + second,
+            tool=self._arms[0].tool_position(),
+            opening=self._arms[0].opening(),
             entries=tuple(map(self._position, entries)),
             contact_force=self._contacts.contact_force(self._env.scene.px),
             joint_margin=self._contacts.joint_margin(),
@@ -157,9 +138,8 @@ class ManiSkillSimulation(BaseSimulation):
 
     def _position(self, entry: str) -> FloatArray:
         """Return a position of `privileged_state`, (3,), without the rest."""
-        name = entry.removesuffix("_position")
-        pose = self._tcp.entity_pose if name == "tcp" else self._places[name].pose
-        return np.array((self._base_from_world * pose).p, dtype=np.float64)
+        name, first = entry.removesuffix("_position"), self._arms[0]
+        return first.tool_position() if name == "tcp" else first.position(self._places[name].pose)
 
     def state_hash(self) -> str:
         """Hash joint positions and velocities, and the poses and velocities of all actors, including the goal."""
@@ -182,8 +162,8 @@ class ManiSkillSimulation(BaseSimulation):
         """Free the scene. Safe to call twice."""
         if self._env is not None:
             self._env.close()
-        self._env = self._robot = self._tcp = self._goal = self._culling = None
-        self._objects, self._fixtures, self._places = {}, {}, {}
+        self._env = self._goal = self._culling = None
+        self._arms, self._objects, self._fixtures, self._places = [], {}, {}, {}
         self.scene_controls = SceneControls()
 
     def engine_time(self) -> float:
@@ -205,11 +185,6 @@ class ManiSkillSimulation(BaseSimulation):
         with self._culling.seen_by(camera) if self.culling else nullcontext():
             camera.take_picture()
         return np.array(camera.get_picture("Color")[..., :3])
-
-    def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
-        """Convert a SAPIEN pose in the world to position (3,) and quaternion xyzw (4,) in the base frame."""
-        pose = self._base_from_world * pose
-        return pose.p.astype(np.float64), wxyz_to_xyzw(pose.q)
 
 
 def open_task(task: str, view: View) -> ManiSkillSimulation:
@@ -233,19 +208,21 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
     # ManiSkill warns that the tasks do not list this robot, but their scene builder supports it.
     logger.setLevel(logging.ERROR)
 
-    centre = np.array(LAYOUTS[task].look_at)
-    third_person = {"pose": look_at(centre + EYE, centre).sp, "fov": FIELD_OF_VIEW}
+    layout, alone = LAYOUTS[task], TASKS[task].arms == 1
+    centre = np.array(layout.look_at)
+    third_person = {"pose": look_at(centre + layout.eye, centre).sp, "fov": FIELD_OF_VIEW}
     size = {"width": view.image_size, "height": view.image_size}
+    wrist = SENSORS["wrist"] if alone else f"{ROBOT}-0-{SENSORS['wrist']}"
     try:
-        env = REGISTERED_ENVS[task].cls(
+        env = REGISTERED_ENVS[task.partition(AT)[0]].cls(
             num_envs=1,
-            robot_uids=ROBOT,
+            robot_uids=ROBOT if alone else (ROBOT, ROBOT),
             control_mode="pd_ee_delta_pose",
             obs_mode="none",
             reward_mode="none",
             sim_backend="physx_cpu",
             render_backend=_render_backend(sapien),
-            sensor_configs={SENSORS["third_person"]: third_person | size, SENSORS["wrist"]: size},
+            sensor_configs={SENSORS["third_person"]: third_person | size, wrist: size},
             human_render_camera_configs=third_person
             | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal"},
         )
@@ -256,7 +233,8 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
         raise SimulatorUnavailable(f"SAPIEN found no device to render with: {_VULKAN_FIX}")
     _keep_renderer(env.scene.backend.render_device)
     if view.render_profile is RenderProfile.FAST_2:
-        simplify_links(env.agent.robot._objs[0])
+        for arm in arms_of(env):
+            simplify_links(arm.articulation)
     return ManiSkillSimulation(task, view, env)
 
 
@@ -301,37 +279,6 @@ def _omit_reflections(env: Any) -> None:
     table = sapien.render.RenderTexture(np.zeros((1, 1, 4), np.uint8), 2, "R8G8B8A8Unorm")
     for camera in env.scene.sub_scenes[0].render_system.cameras:
         camera.set_texture("BRDFLUT", table)
-
-
-def _command(action: FloatArray, gain: float) -> Any:
-    """Convert an action (7,) to ManiSkill's normalised one, a tensor (1, 7)."""
-    import torch
-
-    command = np.empty((1, 7), dtype=np.float32)
-    command[0, :3] = gain / CONTROLLER_RANGE * action[:3]
-    # The controller scales rotations by its lower bound, which reverses their sign.
-    command[0, 3:6] = _euler_xyz(*(gain * action[3:6]).tolist(), longest=CONTROLLER_RANGE)
-    command[0, 3:6] /= -CONTROLLER_RANGE
-    command[0, 6] = -action[6]
-    return torch.from_numpy(command)
-
-
-def _euler_xyz(x: float, y: float, z: float, *, longest: float) -> tuple[float, float, float]:
-    """Return Euler angles about x, y', z'' of an axis-angle vector, which is shortened to `longest` (rad) first.
-
-    Plain floats, since SciPy's general conversion takes a tenth of the time of the physics.
-    """
-    angle = math.hypot(x, y, z)
-    if angle < 1e-9:
-        return 0.0, 0.0, 0.0
-    half = 0.5 * min(angle, longest)
-    sine, w = math.sin(half) / angle, math.cos(half)
-    x, y, z = x * sine, y * sine, z * sine
-    return (
-        math.atan2(2 * (x * w - y * z), 1 - 2 * (x * x + y * y)),
-        math.asin(2 * (x * z + y * w)),
-        math.atan2(2 * (z * w - x * y), 1 - 2 * (y * y + z * z)),
-    )
 
 
 def _device_name(summary: str) -> str:

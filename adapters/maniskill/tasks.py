@@ -44,6 +44,14 @@ TASKS = {
         "pull the blue cube towards the robot with the tool",
         horizon=130,
     ),
+    "TwoRobotPickCube-v1@TwoPandas": TaskDescription(
+        "hand the red cube to the other arm, which holds it in the green ball",
+        horizon=150,
+        goal=Goal("cube_position", "goal_position", tolerance=0.025, grasped=True),
+        fixed={"arm": "two arms start together", "objects": "only one arm reaches the cube"},
+        robot="TwoPandas",
+        arms=2,
+    ),
 }
 
 Region = tuple[tuple[float, float], tuple[float, float]]
@@ -56,7 +64,10 @@ def _square(x: float, y: float) -> Region:
 
 @dataclass(frozen=True)
 class Layout:
-    """Names and places in a task's scene. World frame: the origin is on the table, 0.615 m in front of the base."""
+    """Names and places in a task's scene.
+
+    World frame: the origin is on the table, 0.615 m in front of the base; between two arms, 0.75 m in front of each.
+    """
 
     look_at: tuple[float, float, float]
     """Target of the third-person camera (m)."""
@@ -68,6 +79,8 @@ class Layout:
     """The same as `objects`, of what stands still."""
     goal: str | None = None
     """ManiSkill's actor of the goal."""
+    eye: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    """The third-person camera relative to its target (m)."""
 
 
 _ABOVE = (0.0, 0.0, 0.05)
@@ -89,6 +102,9 @@ LAYOUTS = {
         {"cube": "cube", "peg": "peg"},
         {"cube": ((0.12, -0.1), (0.32, 0.1)), "peg": _square(0.1, 0.1)},
         goal="goal_region",
+    ),
+    "TwoRobotPickCube-v1@TwoPandas": Layout(
+        (0.0, 0.0, 0.1), eye=(0.6, 0.6, 0.5), objects={"cube": "cube"}, goal="goal_site"
     ),
     "PullCubeTool-v1": Layout(
         (0.05, -0.05, 0.05),

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.maniskill import SIMULATOR
 from robogauntlet.adapters.maniskill import simulation as maniskill
-from robogauntlet.adapters.maniskill.simulation import _command, _device_name, _euler_xyz
+from robogauntlet.adapters.maniskill.robot import _command, _euler_xyz
+from robogauntlet.adapters.maniskill.simulation import _device_name
 from robogauntlet.suites.episode import RenderProfile, View
 
 
