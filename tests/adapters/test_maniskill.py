@@ -138,7 +138,7 @@ def test_a_control_step_is_that_of_maniskill_to_the_bit(task):
 
     def step_of_maniskill(action):
         action = np.clip(action, simulation.action_spec.low, simulation.action_spec.high)
-        return bool(env.step(_command(action, simulation._gain))[4]["success"])
+        return bool(env.step(_command(action, simulation._arms[0]._gain))[4]["success"])
 
     assert episode(lambda action: simulation.step(action).success) == episode(step_of_maniskill)
     simulation.close()

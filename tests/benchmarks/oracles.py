@@ -21,7 +21,7 @@ FIELDS = ("task", "seed", "status", "steps", "state_hash", "actions_hash", "poli
 SUITE = """
 name: oracles
 policies: [oracle]
-tasks: ["maniskill/*", "pybullet/*", "robosuite/*", "robosuite/*@*"]
+tasks: ["maniskill/*", "maniskill/*@*", "pybullet/*", "robosuite/*", "robosuite/*@*"]
 seeds: {start: 0, count: 100}
 image_size: 96
 render_profile: fast
