@@ -27,7 +27,7 @@ ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
 ACTION_DIM = 7
 PROPRIOCEPTION_DIM = 8
 """Of one arm."""
-ARMS = ("", "second_")
+ARM_PREFIXES = ("", "second_")
 """What the names of each arm's numbers begin with."""
 PICTURE_SIZE = 256
 
@@ -73,9 +73,13 @@ class ActionSpec:
     """Those out of `names` that have no effect in this task."""
     arms: int = 1
 
+    def __post_init__(self) -> None:
+        """Check the number of arms. Raises ValueError if it is neither 1 nor 2."""
+        check_arms(self.arms)
+
     @property
     def names(self) -> tuple[str, ...]:
-        """What each number of an action is: `ACTION_NAMES` of each arm, see `ARMS`."""
+        """What each number of an action is: `ACTION_NAMES` of each arm, see `ARM_PREFIXES`."""
         return names_of_arms(ACTION_NAMES, self.arms)
 
     @property
@@ -89,14 +93,25 @@ class ActionSpec:
         return np.array(([self.max_translation] * 3 + [self.max_rotation] * 3 + [1.0]) * self.arms)
 
     @property
-    def ignored_places(self) -> list[int]:
+    def ignored_indices(self) -> list[int]:
         """Positions in an action of the numbers that are `ignored`."""
         return [self.names.index(name) for name in self.ignored]
 
 
+def check_arms(arms: object) -> None:
+    """Raise ValueError for a number of arms that is neither 1 nor 2."""
+    if arms not in (1, 2):
+        raise ValueError(f"arms: expected 1 or 2, found {arms!r}")
+
+
+def is_first_frame(name: str) -> bool:
+    """Return whether an entry of `privileged_state` is in the frame of the first arm's base and of a thing, no arm."""
+    return not name.startswith(ARM_PREFIXES[1])
+
+
 def names_of_arms(names: Sequence[str], arms: int) -> tuple[str, ...]:
     """Return the names of each arm's numbers, given those of one arm."""
-    return tuple(arm + name for arm in ARMS[:arms] for name in names)
+    return tuple(arm + name for arm in ARM_PREFIXES[:arms] for name in names)
 
 
 @dataclass(frozen=True)
@@ -199,7 +214,7 @@ class Motion:
     entries: tuple[FloatArray, ...]
     """Values of the entries of `privileged_state` that were asked for, in order."""
     contact_force: float | None = None
-    """Sum of the normal forces between the robot and all but itself and the objects of the task (N)."""
+    """Sum of the normal forces between the arms and all but themselves and the objects of the task (N)."""
     joint_margin: float | None = None
     """Distance of the arm's joints from their limits, the smallest; negative beyond one (rad)."""
 
@@ -223,9 +238,10 @@ class Simulation(Protocol):
         """Return the true state in the base frame, for oracles and checks, never for policies.
 
         Always holds `tcp_position` (3,), `tcp_quaternion` (4,) xyzw and `finger_positions` (2,), and of a second arm
-        `second_tcp_position` and so on, in its own base's frame. Objects follow as `<name>_position` and
-        `<name>_quaternion`, goals as `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is
-        the distance that they slid meanwhile (m).
+        `second_tcp_position` and so on in its own base's frame, and its base, `second_base_position` and
+        `second_base_quaternion`, in the first's. Objects follow as `<name>_position` and `<name>_quaternion`, goals as
+        `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is the distance that they slid
+        meanwhile (m).
         """
 
     def state_hash(self) -> str:
@@ -274,6 +290,10 @@ class TaskDescription:
     """Arms that act in it, 1 or 2."""
     variant_of: str = ""
     """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
+
+    def __post_init__(self) -> None:
+        """Check the number of arms. Raises ValueError if it is neither 1 nor 2."""
+        check_arms(self.arms)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ARMS, FloatArray
+from robogauntlet.adapters.contract import ARM_PREFIXES, FloatArray
 
 STATE_QUANTUM = 1e-6
 """Differences below this (m, rad) do not change a state hash."""
@@ -47,7 +47,7 @@ def proprioception(state: Mapping[str, FloatArray]) -> FloatArray:
     Of each arm: tool position, axis-angle, fingers.
     """
     parts = []
-    for arm in ARMS:
+    for arm in ARM_PREFIXES:
         if f"{arm}tcp_position" in state:
             position, quaternion = state[f"{arm}tcp_position"], state[f"{arm}tcp_quaternion"]
             parts += [position, axis_angle(quaternion), state[f"{arm}finger_positions"]]

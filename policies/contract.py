@@ -89,6 +89,11 @@ class Query:
     privileged_state: Mapping[str, FloatArray] | None = None
     """Present if the policy sees the privileged state."""
 
+    @property
+    def action_dim(self) -> int:
+        """Numbers of an action that answers it: those of the arms that it shows, or else of its task."""
+        return ACTION_DIM * arms_of(self.episode.task) if self.observation is None else self.observation.action_dim
+
 
 @dataclass(frozen=True)
 class Routing:

@@ -115,7 +115,7 @@ def _call(act: Act, observation: Observation) -> Any:
 def _answer(act: Act, query: Query, name: str) -> Decision:
     assert query.observation is not None
     try:
-        return Decision(check_chunk(_call(act, query.observation), query.observation.action_dim))
+        return Decision(check_chunk(_call(act, query.observation), query.action_dim))
     except PolicyError as error:
         raise type(error)(f"{name}: {error}") from None
 

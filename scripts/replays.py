@@ -46,6 +46,8 @@ def main() -> None:
     document = {}
     for simulator in simulators:
         for name, description in simulator.tasks.items():
+            if description.arms != 1:  # the policy `replay` has one arm
+                continue
             status, actions = demonstration(runner, f"{simulator.name}/{name}", description.horizon)
             document[f"{simulator.name}/{name}"] = {"seed": FIRST_SEED, "actions": actions.round(ROUNDED).tolist()}
             print(f"{simulator.name}/{name}: {status}, {len(actions)} steps")

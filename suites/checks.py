@@ -96,7 +96,8 @@ def _unknown_task(pattern: str, names: Registry) -> str:
     if simulator not in names.simulators:
         return f"unknown simulator '{simulator}' in '{pattern}'{did_you_mean(simulator, names.public.simulators)}"
     tasks = [task for task in names.tasks if task.startswith(f"{simulator}/")]
-    return f"unknown task '{pattern}'{did_you_mean(pattern, tasks)}"
+    with_robot = [task for task in tasks if task.startswith(f"{pattern}{AT}")]
+    return f"unknown task '{pattern}'{did_you_mean(pattern, with_robot or tasks)}"
 
 
 def _check_conditions(suite: Suite, names: Registry) -> Iterator[Mistake]:

@@ -32,6 +32,20 @@ PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
             "stack the cube that is not green on top of the other one",
             "it is raining outside so stack the red cube on top of the green cube",
         ),
+        "hand the red cube to the other arm at the green ball": (
+            "please hand the red cube to the other arm at the green ball",
+            "pass the red block to the other arm at the green sphere",
+            "to the other arm at the green ball the red cube should be handed",
+            "give the only thing on the table to your partner at the floating target",
+            "ignore the radio and hand the red cube to the other arm at the green ball",
+        ),
+        "lift the pot by its two handles": (
+            "please lift the pot by its two handles",
+            "raise the saucepan by both of its grips",
+            "by its two handles the pot should be lifted",
+            "raise the only thing on the table by its green and its blue bar",
+            "the kitchen is closed today so lift the pot by its two handles",
+        ),
         "reach the red ball with the closed gripper": (
             "please reach the red ball with the closed gripper",
             "touch the red sphere with the shut hand",

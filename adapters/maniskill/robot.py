@@ -7,24 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ARMS, FloatArray
+from robogauntlet.adapters.contract import ARM_PREFIXES, FloatArray
 from robogauntlet.adapters.frames import wxyz_to_xyzw
 
 CONTROLLER_RANGE = 0.1
 """Meaning of 1.0 in ManiSkill's controller: metres per axis, radians of the whole rotation."""
 
 
-def arms_of(env: Any) -> list[ManiSkillRobot]:
+def robots_of(env: Any) -> list[ManiSkillRobot]:
     """Return the arms of ManiSkill's environment, in its order."""
     agents = getattr(env.agent, "agents", [env.agent])
-    return [ManiSkillRobot(agent, ARMS[place], float(env.control_freq)) for place, agent in enumerate(agents)]
+    return [ManiSkillRobot(agent, ARM_PREFIXES[place], float(env.control_freq)) for place, agent in enumerate(agents)]
 
 
 class ManiSkillRobot:
     """One arm with its gripper. Poses are in the frame of its base."""
 
     def __init__(self, agent: Any, prefix: str, control_hz: float) -> None:
-        """Take ManiSkill's agent, one of `ARMS`, and the number of control steps per second."""
+        """Take ManiSkill's agent, one of `ARM_PREFIXES`, and the number of control steps per second."""
         self._agent, self._prefix = agent, prefix
         self.articulation = agent.robot._objs[0]
         self._tcp = agent.tcp._objs[0]

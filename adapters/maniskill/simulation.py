@@ -45,7 +45,7 @@ from robogauntlet.adapters.maniskill.dynamics import ManiSkillDynamics, renew_ph
 from robogauntlet.adapters.maniskill.lights import ManiSkillLights
 from robogauntlet.adapters.maniskill.meshes import simplify_links
 from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
-from robogauntlet.adapters.maniskill.robot import arms_of
+from robogauntlet.adapters.maniskill.robot import robots_of
 from robogauntlet.adapters.maniskill.table import ManiSkillTable
 from robogauntlet.adapters.maniskill.tasks import LAYOUTS, TASKS
 from robogauntlet.adapters.scene_control import SceneControls
@@ -64,7 +64,7 @@ class ManiSkillSimulation(BaseSimulation):
 
     def __init__(self, task: str, view: View, env: Any) -> None:
         self._env = env
-        self._arms = arms_of(env)
+        self._arms = robots_of(env)
         reach = self._arms[0].reach
         spec = ActionSpec(reach, reach, float(env.control_freq), arms=len(self._arms))
         super().__init__(view, TASKS[task].instruction, spec)
@@ -233,7 +233,7 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
         raise SimulatorUnavailable(f"SAPIEN found no device to render with: {_VULKAN_FIX}")
     _keep_renderer(env.scene.backend.render_device)
     if view.render_profile is RenderProfile.FAST_2:
-        for arm in arms_of(env):
+        for arm in robots_of(env):
             simplify_links(arm.articulation)
     return ManiSkillSimulation(task, view, env)
 

@@ -45,7 +45,7 @@ TASKS = {
         horizon=130,
     ),
     "TwoRobotPickCube-v1@TwoPandas": TaskDescription(
-        "hand the red cube to the other arm, which holds it in the green ball",
+        "hand the red cube to the other arm at the green ball",
         horizon=150,
         goal=Goal("cube_position", "goal_position", tolerance=0.025, grasped=True),
         fixed={"arm": "two arms start together", "objects": "only one arm reaches the cube"},

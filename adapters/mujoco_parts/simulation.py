@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import ARMS, ActionSpec, FloatArray, Image, Motion, SimulatorUnavailable
+from robogauntlet.adapters.contract import ARM_PREFIXES, ActionSpec, FloatArray, Image, Motion, SimulatorUnavailable
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
@@ -29,7 +29,7 @@ class _Arm:
     """An arm and its gripper."""
 
     prefix: str
-    """One of `ARMS`."""
+    """One of `ARM_PREFIXES`."""
     base: str
     """Name of the body that carries it."""
     joints: Sequence[str]
@@ -86,7 +86,7 @@ class MujocoSimulation(BaseSimulation):
         physics = MujocoPhysics(self._mujoco, self._model, self._data, base)
         side: Fingers = Pads(physics, hand, pads) if pads else SlidingFingers(physics, fingers)
         # The hand, not the site in it: along its y axis the fingers open, as in the other simulators.
-        prefix, tool, body = ARMS[len(self._arms)], self._data.site(tool_centre), self._data.body(hand)
+        prefix, tool, body = ARM_PREFIXES[len(self._arms)], self._data.site(tool_centre), self._data.body(hand)
         self._arms.append(_Arm(prefix, base, fingers, physics, tool, body, side))
         self._physics = self._arms[0].physics
 

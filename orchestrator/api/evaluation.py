@@ -11,13 +11,13 @@ from typing import Any
 
 from rich.console import Console
 
-from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.orchestrator.api.served_object import ServedObject
 from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
+from robogauntlet.orchestrator.runs.suite_policies import one_of_each_number_of_arms
 from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
 from robogauntlet.policies.contract import Policy
@@ -125,7 +125,8 @@ def _check(served: ServedObject, plan: Plan) -> None:
             f"policy '{served.name}': an object with reset plays one episode at a time, expected tasks of one "
             "simulator and no other workers than 1; give its class instead, of which each episode gets an object"
         )
-    served.check_answer(suite.view, task_descriptions()[suite.tasks[0]])
+    for task in one_of_each_number_of_arms(suite.tasks):
+        served.check_answer(suite.view, task)
 
 
 def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool, tracker: LiveTracker | None) -> OpenRun:

@@ -108,7 +108,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
                 f"expected one action of {len(spec.high)} finite numbers, got shape {given.shape}: {given}; "
                 "step the actions of a chunk one by one"
             )
-        given[spec.ignored_places] = 0.0
+        given[spec.ignored_indices] = 0.0
         outcome = self.simulation.step(np.clip(given, spec.low, spec.high))
         self._steps += 1
         self._held = self._held + 1 if outcome.success else 0

@@ -105,7 +105,7 @@ class RecordedSimulation(TrajectoryRecorder):
             for first in range(0, len(disturbed), ACTION_DIM):
                 moved = slice(first, first + MOTION_DIM)
                 disturbed[moved] += self._noise * spec.high[moved] * generator.standard_normal(MOTION_DIM)
-        disturbed[spec.ignored_places] = 0.0
+        disturbed[spec.ignored_indices] = 0.0
         return np.clip(disturbed, spec.low, spec.high)
 
     @property

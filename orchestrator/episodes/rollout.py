@@ -102,7 +102,7 @@ def rollout(
     meter.sample()
     spec, protocol = simulation.action_spec, episode.protocol
     low, high = spec.low, spec.high
-    ignored, numbers = spec.ignored_places, len(low)
+    ignored, numbers = spec.ignored_indices, len(low)
 
     actions = hashlib.sha256()
     routing: Routing | None = None

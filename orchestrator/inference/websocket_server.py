@@ -227,7 +227,7 @@ class _Client:
             self._episodes[episode.id] = episode
         start = time.perf_counter()
         (decision,) = await server.batcher.ask([query])
-        chunk = check_chunk(decision.actions)
+        chunk = check_chunk(decision.actions, query.action_dim)
         if named is None:
             self._step += len(chunk)
         answer = as_answer(Decision(chunk, decision.routing))

@@ -34,7 +34,7 @@ class PerturbedActions(Perturbed):
 
 
 class ActionNoise(PerturbedActions):
-    """Noise in the executed translation, of each arm its own."""
+    """Noise in the executed translation, drawn for each arm independently."""
 
     def reset(self, seed: int) -> None:
         """Start the episode."""
@@ -47,7 +47,7 @@ class ActionNoise(PerturbedActions):
         noisy = action.copy()
         moved = self._translations()
         noisy[moved] += step_deviation(self.level, spec.control_hz) * generator.standard_normal(len(moved))
-        noisy[spec.ignored_places] = 0.0
+        noisy[spec.ignored_indices] = 0.0
         noisy = np.clip(noisy, spec.low, spec.high)
         self._squares += float(np.square(noisy[moved] - action[moved]).sum())
         return noisy
@@ -72,7 +72,7 @@ class ActionDelay(PerturbedActions):
         super().reset(seed)
         spec = self.action_spec
         still = np.array([OPEN_GRIPPER if name.endswith("gripper") else 0.0 for name in spec.names])
-        still[spec.ignored_places] = 0.0
+        still[spec.ignored_indices] = 0.0
         self._delayed = [still] * delay_steps(self.level, spec.control_hz, least=int(self.severity >= 1))
 
     def _executed(self, action: FloatArray) -> FloatArray:

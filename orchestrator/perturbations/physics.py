@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition
+from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition, is_first_frame
 from robogauntlet.adapters.scene_control import DynamicsFactors, PlacementRegion, Unreachable, unit
 from robogauntlet.orchestrator.perturbations.base import Perturbed
 
@@ -37,7 +37,11 @@ class ObjectPosition(Perturbed):
         own = state[self._name + POSITION][:2]
         # It may be near itself, the goal and the tool.
         ignored = {name + POSITION for name in (self._name, *self._region.attached, "goal", "tcp")}
-        others = [where[:2] for name, where in state.items() if name.endswith(POSITION) and name not in ignored]
+        others = [
+            where[:2]
+            for name, where in state.items()
+            if name.endswith(POSITION) and is_first_frame(name) and name not in ignored
+        ]
         for place in self.generator.permutation(_places_around(self._region, own, self.level / 100)):
             if self._name != "goal" and _is_nearer(place, own, state.get("goal_position")):
                 continue

@@ -80,7 +80,8 @@ class RecordingPolicy:
         with _limited(LIMIT_S):
             decisions = _called("the policy", lambda: self._policy.act(queries))
         seconds = time.perf_counter() - start
-        chunks = _called("the answer", lambda: [check_chunk(decision.actions) for decision in decisions])
+        answered = [(decision.actions, query.action_dim) for decision, query in zip(decisions, asked, strict=False)]
+        chunks = _called("the answer", lambda: [check_chunk(*pair) for pair in answered])
         self.answers += [Answer(*pair, seconds) for pair in zip(asked, chunks, strict=False)]
         return decisions
 

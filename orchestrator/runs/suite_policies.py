@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
+from robogauntlet.adapters.contract import ActionSpec, ObservationSpec, TaskDescription
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.first_answer import check_first_answer
@@ -166,7 +166,8 @@ def _find(
     suite = _fitted(suite, spec) if fit else suite
     _check_fit(spec, suite)
     if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
-        check_first_answer(entry.name, policy.ask, suite.view, simulators.task_descriptions()[suite.tasks[0]])
+        for task in one_of_each_number_of_arms(suite.tasks):
+            check_first_answer(entry.name, policy.ask, suite.view, task)
     return source, "", suite
 
 
@@ -198,6 +199,12 @@ def _fitted(suite: Suite, spec: PolicySpec) -> Suite:
     if size is not None and SMALLEST_IMAGE <= size <= LARGEST_IMAGE:
         suite = suite.model_copy(update={"image_size": size})
     return of_tasks(suite, spec.can_act_in)
+
+
+def one_of_each_number_of_arms(tasks: Iterable[str]) -> list[TaskDescription]:
+    """Return the first of these tasks that has one arm, and the first that has two."""
+    known = simulators.task_descriptions()
+    return list({known[task].arms: known[task] for task in reversed(list(tasks))}.values())
 
 
 def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import ARMS, FloatArray
+from robogauntlet.adapters.contract import ARM_PREFIXES, FloatArray
 from robogauntlet.policies.oracles.motion import (
     CLOSED,
     OPEN,
@@ -35,7 +35,7 @@ class TwoArmLift:
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (14,)."""
         handles = ("handle0", "handle1")
-        arms = [seen_by(arm, state, handles) for arm in ARMS]
+        arms = [seen_by(arm, state, handles) for arm in ARM_PREFIXES]
         held = [self._holds(own, handle) for own, handle in zip(arms, handles, strict=True)]
         heights = [state[f"{handle}_position"][2] for handle in handles]
         actions = []
@@ -91,13 +91,13 @@ class HandOver:
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (14,)."""
-        first, second = (seen_by(arm, state, ("cube", "goal")) for arm in ARMS)
+        first, second = (seen_by(arm, state, ("cube", "goal")) for arm in ARM_PREFIXES)
         cube = first["cube_position"]
         if self._holds(second):
             return np.concatenate([self._withdraw(first), self._to(second, second["goal_position"], CLOSED)])
         if self._holds(first):
             offset = self.middle - cube
-            arrived = np.linalg.norm(offset[:2]) < 0.012 and abs(offset[2]) < 0.006
+            arrived = bool(np.linalg.norm(offset[:2]) < 0.012 and abs(offset[2]) < 0.006)
             return np.concatenate([self._put(first, arrived), self._to(second, self.aside, OPEN)])
         if cube[0] < self.reached:
             return np.concatenate([self._grasp(first), self._to(second, self.aside, OPEN)])
@@ -150,9 +150,9 @@ class HandOver:
 
 
 def seen_by(arm: str, state: State, things: Sequence[str]) -> State:
-    """Return the state for one of `ARMS`: its own entries without the prefix, and things in the frame of its base.
+    """Return the state as one arm sees it: its own entries without the prefix, and things in the frame of its base.
 
-    `things` are the names of what has a position, and may have a quaternion.
+    `arm` is one of `ARM_PREFIXES`; `things` are the names of what has a position, and may have a quaternion.
     """
     own = {name: state[arm + name] for name in ("tcp_position", "tcp_quaternion", "finger_positions")}
     origin, turn = np.zeros(3), Rotation.identity()

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM, Observation
+from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM, Observation, names_of_arms
 from robogauntlet.policies.contract import Decision, Policy, PolicyInput, PolicySpec, Query, Routing, StatelessPolicy
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, CAMERA_KEYS, INSTRUCTION_KEY, STATE_KEY
@@ -49,22 +49,23 @@ _DIGEST = re.compile(r"[!-~]{1,200}")
 
 
 def greeting_of(policy: Policy, digest: str) -> Greeting:
-    """Return the greeting of a policy's server. The protocol is that of one arm."""
+    """Return the greeting of a policy's server."""
     forgets = isinstance(policy, StatelessPolicy) and type(policy).finish is StatelessPolicy.finish
-    return Greeting(digest, replace(policy.spec, action_dim=policy.spec.action_dim or ACTION_DIM), not forgets)
+    return Greeting(digest, policy.spec, remembers=not forgets)
 
 
 def as_metadata(greeting: Greeting) -> dict[str, Any]:
     """Return the metadata frame, which other clients can read; RoboGauntlet's client reads its part `robogauntlet`."""
     spec = greeting.spec
+    arms = (spec.action_dim or ACTION_DIM) // ACTION_DIM
     return {
-        "action_dim": spec.action_dim,
+        "action_dim": ACTION_DIM * arms,
         "action_horizon": spec.chunk_length,
-        "action_names": list(ACTION_NAMES),
+        "action_names": list(names_of_arms(ACTION_NAMES, arms)),
         "action_units": UNITS,
         "cameras": {camera: CAMERA_KEYS[camera] for camera in spec.cameras},
         "image_size": spec.image_size,
-        "state_dim": PROPRIOCEPTION_DIM,
+        "state_dim": PROPRIOCEPTION_DIM * arms,
         "robogauntlet": {"version": VERSION, **_GREETING.dump_python(greeting, mode="json")},
     }
 
@@ -151,9 +152,11 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
         keys = ", ".join(sorted(map(str, message)))[:200]
         raise PackingError(f"expected an image as {needed}, got none among {keys}")
     state = message.get(STATE_KEY)
-    if not isinstance(state, np.ndarray) or state.dtype.kind not in "iuf" or state.shape != (PROPRIOCEPTION_DIM,):
+    sizes = [PROPRIOCEPTION_DIM * arms for arms in (1, 2) if spec.action_dim in (None, ACTION_DIM * arms)]
+    if not isinstance(state, np.ndarray) or state.dtype.kind not in "iuf" or state.shape not in [(n,) for n in sizes]:
         got = f"shape {state.shape}" if isinstance(state, np.ndarray) else f"a {type(state).__name__}"
-        raise PackingError(f"expected an array of {PROPRIOCEPTION_DIM} numbers as {STATE_KEY}, got {got}")
+        wanted = " or ".join(map(str, sizes))
+        raise PackingError(f"expected an array of {wanted} numbers as {STATE_KEY}, got {got}")
     instruction = message.get(INSTRUCTION_KEY, "")
     if isinstance(instruction, np.ndarray) and instruction.ndim == 0:
         instruction = instruction.item()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, Image
+from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote.connection import ServerConnection, packed
 from robogauntlet.policies.remote.conversion import (
@@ -103,7 +103,7 @@ class RemotePolicy:
         self._finished.clear()
         try:
             if self._is_robogauntlet:
-                return Decision(read_chunk(answer, ACTIONS_KEY, ACTION_DIM, exactly=True), routing_in(answer))
+                return Decision(read_chunk(answer, ACTIONS_KEY, query.action_dim, exactly=True), routing_in(answer))
             return Decision(decode_chunk(self._options, answer), routing_in(answer) if self._greeting else None)
         except (PackingError, PolicyMismatch) as error:
             raise PolicyMismatch(f"policy server {self._options.address}: {error}") from None

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
+from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM
 from robogauntlet.policies.training.lerobot_format import (
     ACTION,
     CODEBASE_VERSION,
@@ -164,7 +164,8 @@ class Demonstrations:
         steps = np.asarray(frames)[:, None] + np.arange(chunk_length)
         mask = steps < ends[:, None]
         actions = self.actions[np.minimum(steps, ends[:, None] - 1)]
-        actions[..., :-1] *= mask[..., None]
+        moves = np.arange(actions.shape[-1]) % ACTION_DIM != ACTION_NAMES.index("gripper")
+        actions[..., moves] *= mask[..., None]
         return Batch(
             {camera: self.images(camera, frames) for camera in self.spec.cameras},
             self.states[frames],

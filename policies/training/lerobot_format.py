@@ -123,7 +123,7 @@ def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
         raise ValueError(
             f"expected 1 to {MAX_FPS} frames per second and images of 1 to {MAX_SIZE} px, got fps {fps} and {size} px"
         )
-    arms = 2 if info["features"].get(ACTION, {}).get("shape") == [2 * ACTION_DIM] else 1
+    arms = 2 if info["features"][ACTION]["shape"] == [2 * ACTION_DIM] else 1
     return DatasetSpec(fps, tuple(images), size, arms)
 
 

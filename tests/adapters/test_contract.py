@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, Goal, Observation
+from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, Goal, Observation, TaskDescription
 from robogauntlet.adapters.frames import proprioception
 
 
@@ -38,7 +38,14 @@ def test_an_action_of_two_arms_has_the_numbers_of_the_first_and_then_those_of_th
     assert spec.names == (*ACTION_NAMES, *(f"second_{name}" for name in ACTION_NAMES))
     assert np.array_equal(spec.high, np.tile(ActionSpec(0.02, 0.1, 20.0).high, 2))
     assert np.array_equal(spec.low, -spec.high)
-    assert spec.ignored_places == [5, 13]
+    assert spec.ignored_indices == [5, 13]
+
+
+@pytest.mark.parametrize("arms", [0, 3, None])
+def test_other_numbers_of_arms_than_one_and_two_are_refused(arms):
+    for make in (lambda: ActionSpec(0.02, 0.1, 20.0, arms=arms), lambda: TaskDescription("lift", 60, arms=arms)):
+        with pytest.raises(ValueError, match=f"^arms: expected 1 or 2, found {arms}$"):
+            make()
 
 
 def test_the_numbers_of_one_arm_have_no_prefix():

@@ -57,6 +57,7 @@ SEARCHED = {
     ("oracle", "zoo:nothing", ""): "expected the name of a shipped checkpoint after 'zoo:', got",
     ("oracle", "replay", ""): "policy 'replay' does not fit: it cannot act in null/Reach; it can in ",
     ("oracle", "zero", "--task null/Rech"): "unknown task 'null/Rech'; did you mean 'null/Reach'?",
+    ("oracle", "zero", "--task robosuite/TwoArmLift"): "did you mean 'robosuite/TwoArmLift@TwoPandas'?",
     ("oracle", "zero", "--task 'null/Re*'"): "duplicate task 'null/Reach'",
     ("oracle", "zero", "--task nul/Reach"): "unknown simulator 'nul'",
     ("oracle", "zero", "--option sead=1"): "policy 'oracle', 'zero' has no option 'sead'",

@@ -23,7 +23,7 @@ from tests.benchmarks.shared import play_policies, table_of
 
 EXPERTS = "zoo:libero-experts"
 SUITES = {"spatial": "Spatial", "object": "Object", "goal": "Goal", "10": "Long"}
-STATES = 10
+STATES = 20
 """Stored states of each task, from the first on."""
 RUN_STATES = 10
 """States in one run: what was played stays valid when `STATES` grows."""

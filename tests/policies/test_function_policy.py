@@ -42,7 +42,7 @@ def test_a_function_answers_with_the_numbers_of_the_arms_that_it_is_shown():
     for numbers in (8, 16):
         query = Query(episode(0), 0, replace(OBSERVATION, proprioception=np.zeros(numbers)))
         assert as_policy(act, {}, "m:act").act([query])[0].actions.shape == (1, 7 * numbers // 8)
-    with one_line_error(PolicyError, r"m:act: expected an action chunk of shape \(n, 14\) with n >= 1, got \(1, 7\)"):
+    with one_line_error(PolicyError, r"act: expected an action chunk of shape \(n, 14\) with n >= 1, got \(1, 7\)"):
         as_policy(lambda images, proprioception, instruction: np.zeros((1, 7)), {}, "m:act").act([query])
 
 

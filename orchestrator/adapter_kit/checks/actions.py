@@ -167,7 +167,7 @@ def ignored(subject: CheckedTask) -> Iterator[Violation]:
     spec = subject.simulation.action_spec
     bounds = np.where(spec.high > 0.0, spec.high, ANGLE)
     moving = subject.action(dx=0.5 * spec.max_translation, gripper=0.5)
-    moving[spec.ignored_places] = 0.0
+    moving[spec.ignored_indices] = 0.0
     usual = _end(subject, moving)
     for number, name in enumerate(spec.names):
         differs = False
@@ -186,7 +186,7 @@ def clipped(subject: CheckedTask) -> Iterator[Violation]:
     """An action beyond the bounds is clipped to them."""
     spec = subject.simulation.action_spec
     signs = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0] * spec.arms)
-    signs[spec.ignored_places] = 0.0
+    signs[spec.ignored_indices] = 0.0
     same = _end(subject, signs * spec.high) == _end(subject, 3.0 * signs * spec.high)
     yield from expect(same, "3 times the bounds to do what the bounds do", "another state after 5 steps")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -174,24 +174,36 @@ def place(subject: CheckedTask) -> Iterator[Violation]:
     """The fingers close in the third-person image where its viewpoint projects the tool."""
     cameras = _cameras(subject)
     _third_person_only(subject)
-    if subject.ignores("gripper"):
+    if any(subject.ignores(f"{arm}gripper") for arm in subject.arms):
         raise NotApplicable("the gripper does nothing in this task, so it cannot be distinguished from the arm")
-    simulation = subject.simulation
-    for _ in range(10):
-        simulation.step(subject.action())
-    before = simulation.picture()
-    for _ in range(10):
-        simulation.step(subject.action(gripper=1.0))
-    motion = _motion(before, simulation.picture())
-    if len(motion) == 0:
-        raise NotApplicable("the third-person camera does not see the fingers close")
-    row, column = pixel(cameras.viewpoint(THIRD_PERSON), simulation.privileged_state()["tcp_position"], len(before))
-    seen_row, seen_column = np.median(motion, axis=0)
-    yield from expect(
-        math.hypot(seen_row - row, seen_column - column) <= NEAR * len(before),
-        f"the fingers to close near row {row:.0f}, column {column:.0f} of the picture, where tcp_position projects",
-        f"motion around row {seen_row:.0f}, column {seen_column:.0f}",
-    )
+    for arm in subject.arms:
+        simulation = subject.reset()
+        for _ in range(10):
+            simulation.step(subject.action())
+        before = simulation.picture()
+        for _ in range(10):
+            simulation.step(subject.action(**{f"{arm}gripper": 1.0}))
+        motion = _motion(before, simulation.picture())
+        if len(motion) == 0:
+            raise NotApplicable("the third-person camera does not see the fingers close")
+        tool = _tool(simulation.privileged_state(), arm)
+        row, column = pixel(cameras.viewpoint(THIRD_PERSON), tool, len(before))
+        seen_row, seen_column = np.median(motion, axis=0)
+        where = f"row {row:.0f}, column {column:.0f} of the picture, where {arm}tcp_position projects"
+        yield from expect(
+            math.hypot(seen_row - row, seen_column - column) <= NEAR * len(before),
+            f"the fingers to close near {where}",
+            f"motion around row {seen_row:.0f}, column {seen_column:.0f}",
+        )
+
+
+def _tool(state: Mapping[str, FloatArray], arm: str) -> FloatArray:
+    """The position (3,) of an arm's tool in the frame of the first arm's base (m)."""
+    own = state[f"{arm}tcp_position"]
+    if not arm:
+        return own
+    base = Rotation.from_quat(state[f"{arm}base_quaternion"])
+    return np.asarray(base.apply(own) + state[f"{arm}base_position"])
 
 
 def pixel(viewpoint: Viewpoint, point: FloatArray, size: int) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from robogauntlet.adapters.contract import (
-    ARMS,
+    ARM_PREFIXES,
     AdapterError,
     FloatArray,
     Image,
@@ -124,7 +124,7 @@ class CheckedTask:
     @property
     def arms(self) -> tuple[str, ...]:
         """What the names of each arm's numbers begin with."""
-        return ARMS[: self.simulation.action_spec.arms]
+        return ARM_PREFIXES[: self.simulation.action_spec.arms]
 
     def ignores(self, name: str) -> bool:
         """Return whether an action dimension is declared to have no effect."""

@@ -22,7 +22,7 @@ from robogauntlet.orchestrator.adapter_kit.checks.check import (
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask, most_changed
 
 SEED, SEED_IN_SIGHT = 3, 5
-NO_OBSTACLES = ("tcp_position", "goal_position")
+NO_OBSTACLES = ("tcp_position", "goal_position", "second_tcp_position", "second_base_position")
 """Positions in the state that are no obstacles."""
 
 

@@ -47,7 +47,6 @@ def description(subject: CheckedTask) -> Iterator[Violation]:
     yield from expect(one_line, "an instruction in words, on one line", repr(task.instruction))
     positive = type(task.horizon) is int and task.horizon >= 1
     yield from expect(positive, "a horizon of 1 control step or more", repr(task.horizon))
-    yield from expect(task.arms in (1, 2), "1 or 2 arms", repr(task.arms))
     unknown = simulator.adjusts - ADJUSTABLE
     yield from expect(not unknown, f"`adjusts` out of {_listed(ADJUSTABLE)}", _listed(unknown))
     stray = task.fixed.keys() - simulator.adjusts
@@ -156,7 +155,9 @@ def privileged_state(subject: CheckedTask) -> Iterator[Violation]:
     if not isinstance(state, Mapping):
         yield Violation("a mapping of names to arrays", type(state).__name__)
         return
-    for name in names_of_arms(("tcp_position", "tcp_quaternion", "finger_positions"), len(subject.arms)):
+    expected_names = names_of_arms(("tcp_position", "tcp_quaternion", "finger_positions"), len(subject.arms))
+    of_second = ("second_base_position", "second_base_quaternion") if len(subject.arms) == 2 else ()
+    for name in (*expected_names, *of_second):
         yield from expect(name in state, f"`{name}`", _listed(state.keys()))
     shapes = {"_position": (3,), "_positions": (2,), "_quaternion": (4,)}
     for name, value in state.items():

@@ -93,6 +93,7 @@ VIOLATIONS = [
     ("secondnevergrips", "action-ignored", "an effect of second_gripper, or its name in `ignored`"),
     ("saysithasonearm", "specs", "1 as `arms`, as the TaskDescription says; seen: 2"),
     ("hidesthesecondarm", "privileged-state", "`second_tcp_position`"),
+    ("hidesthesecondbase", "privileged-state", "`second_base_position`"),
     ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
     ("keepsfiles", "closes", "2 more file descriptor(s)"),
     ("keepsthreads", "closes", "2 more Python thread(s)"),

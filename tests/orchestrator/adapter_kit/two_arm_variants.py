@@ -45,7 +45,8 @@ class TwoArms(Variant):
     def privileged_state(self):
         world = self._second
         own = {"tcp_position": world.tool, "tcp_quaternion": world.turn.as_quat(), "finger_positions": world.fingers}
-        return dict(super().privileged_state()) | {f"second_{name}": np.array(value) for name, value in own.items()}
+        base = {"base_position": [1.0, 0.0, 0.0], "base_quaternion": [0.0, 0.0, 1.0, 0.0]}
+        return dict(super().privileged_state()) | {f"second_{name}": np.array(v) for name, v in (own | base).items()}
 
 
 class BothAreCorrect(TwoArms):
@@ -62,6 +63,12 @@ class SecondNeverGrips(TwoArms):
 
 class SaysItHasOneArm(TwoArms, arms=1):
     pass
+
+
+class HidesTheSecondBase(TwoArms):
+    def privileged_state(self):
+        state = super().privileged_state()
+        return {name: value for name, value in state.items() if "base" not in name}
 
 
 class HidesTheSecondArm(TwoArms):

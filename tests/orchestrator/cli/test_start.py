@@ -31,7 +31,7 @@ def test_help_imports_no_verb_and_no_heavy_library():
     assert run_process([sys.executable, "-c", code]).stdout.splitlines()[-1] == "[]"
 
 
-def test_run_knows_all_simulators_and_their_tasks_without_a_library_that_workers_need():
+def test_all_simulators_and_their_tasks_are_known_without_a_library_that_workers_need():
     code = (
         "import sys, robogauntlet.orchestrator.cli.run\nfrom robogauntlet.adapters.catalog import simulators\n"
         "assert all(simulator.tasks for simulator in simulators().values())\n"

@@ -24,6 +24,7 @@ from robogauntlet.orchestrator.inference.websocket_server import (
 )
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicySpec, Query
+from robogauntlet.policies.function_policy import as_policy
 from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
 from robogauntlet.policies.remote.remote_policy import ConnectionLost
 from robogauntlet.results.record import outcome_row
@@ -81,6 +82,21 @@ def test_a_remote_policy_of_a_plain_server_is_the_same_policy():
         assert catalog.spec("openpi", address) == catalog.spec("untrained", {})
         assert catalog.digest("openpi", {**address, "image_size": 64}) != catalog.digest("untrained", {})
         assert catalog.digest("openpi", {**address, "identity": "x"}) != catalog.digest("untrained", {})
+
+
+def test_a_served_function_answers_for_the_arms_that_it_is_shown():
+    def act(images, proprioception, instruction):
+        return np.zeros((1, 7 * len(proprioception) // 8))
+
+    episode = Episode("mine", "two", "null/Reach", 0, Protocol(8))
+    with serving("mine", policy=as_policy(act, {}, "m:act"), digest="two") as server:
+        client = catalog.load("openpi", {"address": server.address})
+        client.reset([episode])
+        for numbers in (8, 16):
+            shown = Observation({"wrist": np.zeros((16, 16, 3), np.uint8)}, np.zeros(numbers), "")
+            (decision,) = client.act([Query(episode, 0, observation=shown)])
+            assert decision.actions.shape == (1, 7 * numbers // 8)
+        client.close()
 
 
 class Remembering:

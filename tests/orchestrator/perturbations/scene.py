@@ -132,6 +132,10 @@ class TwoArms(Scene):
         self.executed.append(np.array(action))
         return self.inner.step(action[:7])
 
+    def privileged_state(self):
+        second = {"tcp_position": [0.45, 0.1, 0.2], "base_position": [1.1, 0.0, 0.0]}
+        return super().privileged_state() | {f"second_{name}": np.array(place) for name, place in second.items()}
+
 
 def episode(axis="clean", severity=0, policy="p", seed=4):
     """An episode of the null simulator's task."""

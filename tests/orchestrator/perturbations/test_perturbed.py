@@ -150,6 +150,12 @@ def test_noise_moves_each_of_two_arms_by_its_own_and_leaves_their_grippers():
     assert not executed[:, [3, 4, 5, 6, 10, 11, 12, 13]].any()
 
 
+def test_the_second_arm_whose_tool_is_in_another_frame_is_nothing_that_distractors_avoid():
+    alone, _ = begin("distractors", 5)
+    with_second, _ = begin("distractors", 5, scene=TwoArms())
+    assert np.array_equal(with_second.shown(), alone.shown())
+
+
 def test_two_arms_wait_with_open_grippers_for_delayed_actions():
     scene, simulation = begin("action-delay", 1, scene=TwoArms())
     simulation.step(np.full(14, 0.01))

@@ -3,9 +3,11 @@
 import pytest
 
 from robogauntlet.adapters import catalog
+from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.runs import suite_policies
-from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan, why_impossible, why_unadjusted
+from robogauntlet.orchestrator.runs.plan import NO_POLICY, find_suite, make_plan, why_impossible, why_unadjusted
 from robogauntlet.orchestrator.runs.plan import fitted as fitted_lines
+from robogauntlet.orchestrator.runs.suite_policies import one_of_each_number_of_arms
 from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
@@ -150,6 +152,20 @@ def fitted(suite_file, *policies):
 def test_a_suite_that_needs_a_policy_takes_its_image_size_and_leaves_out_tasks_in_which_it_cannot_act(suite_file):
     played = ("robosuite/Lift", "pybullet/PandaReach-v3")
     assert fitted(suite_file, "zoo:experts") == (played, ("null/Reach",), {96})
+
+
+@pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
+def test_a_function_is_asked_about_the_first_task_with_one_arm_and_the_first_with_two(order):
+    tasks = ("robosuite/Lift", "null/Reach", "robosuite/TwoArmLift@TwoPandas")
+    asked = {task.instruction for task in one_of_each_number_of_arms(tasks[order])}
+    known = task_descriptions()
+    first = "robosuite/Lift" if order.step is None else "null/Reach"
+    assert asked == {known[first].instruction, known[tasks[2]].instruction}
+
+
+def test_the_suite_of_robosuite_can_be_played_by_a_policy_of_one_arm():
+    plan = make_plan(find_suite("robosuite"), part=SuiteSelection(("random",)), require_installed=False)
+    assert len(plan.suite.tasks) == 26
 
 
 def test_several_policies_play_the_tasks_in_which_all_can_act_in_the_images_of_the_suite(suite_file):

@@ -54,6 +54,8 @@ def test_demonstrations_of_two_arms_are_read_back_and_no_network_is_trained_on_t
     read = Demonstrations(tmp_path / "set")
     assert np.array_equal(read.actions, recorded.actions.astype(np.float32))
     assert read.states.shape == (12, 16)
+    last = read.batch(np.array([11]), chunk_length=2).actions[0, 1]
+    assert last.tolist() == ([0.0] * 6 + [0.5]) * 2, "past the end: no motion, the grippers' last commands"
     with one_line_error(DatasetError, "set: expected demonstrations of one arm to train on, got of two"):
         DatasetMixture([read])
 
