@@ -37,7 +37,7 @@ PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
             "pass the red block to the other arm at the green sphere",
             "to the other arm at the green ball the red cube should be handed",
             "give the only thing on the table to your partner at the floating target",
-            "ignore the radio and hand the red cube to the other arm at the green ball",
+            "it rains so hand the red cube to the other arm at the green ball",
         ),
         "lift the pot by its two handles": (
             "please lift the pot by its two handles",
