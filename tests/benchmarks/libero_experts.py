@@ -80,11 +80,13 @@ def played(
     tasks: Sequence[str],
     columns: Sequence[str],
     conditions: Sequence[str] = ("clean",),
+    states: int | None = None,
 ) -> pd.DataFrame:
-    """Play policies on the stored states of tasks, or what the folder lacks of it: a row per episode."""
-    runs = {first: f"{name}-from-{first}" if first else name for first in range(0, STATES, RUN_STATES)}
+    """Play policies on `STATES` or fewer stored states of tasks, or what the folder lacks of it: a row per episode."""
+    states = states or STATES
+    runs = {first: f"{name}-from-{first}" if first else name for first in range(0, states, RUN_STATES)}
     return pd.concat(
-        play_policies(folder, run, policies, tasks, min(RUN_STATES, STATES - first), columns, conditions, first)
+        play_policies(folder, run, policies, tasks, min(RUN_STATES, states - first), columns, conditions, first)
         for first, run in runs.items()
     )
 

@@ -47,6 +47,8 @@ WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     **{name: (f"{title}, no masks", {"operator": name, "masks": "none"}) for name, title in OPERATORS.items()},
 }
 """Names, titles and recipes. All keep the deepest block and the output layer of each expert's action expert."""
+UNMASKED_STATES = 10
+"""Stored states for merges without masks, which are fewer, since none succeeds on any of these."""
 ROUTED: dict[str, tuple[str, dict[str, Any]]] = {
     "magnitude-2-routed": ("two bits of magnitudes, routed", {}),
     "magnitude-2-routed-instruction-hidden": (
@@ -83,7 +85,9 @@ def measure() -> list[dict[str, object]]:
     for name, (_, options) in ROUTED.items():
         policies[name] = merged_policy(MERGED, "calibrated", **options)
     frames = [clean[clean.axis == "clean"] for clean in played_experts(folder)]
-    frames += [played(folder, name, {name: policy}, tasks, EPISODE) for name, policy in policies.items()]
+    for name, policy in policies.items():
+        states = UNMASKED_STATES if name == "mean" or name in OPERATORS else None
+        frames.append(played(folder, name, {name: policy}, tasks, EPISODE, states=states))
     frame = pd.concat(frames)
     write_episodes("libero_merges", frame, ("policy", "task", "seed"))
     rows = rows_of(frame)
