@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from robogauntlet.adapters.contract import AdapterError, Goal
+from robogauntlet.adapters.gymnasium import SIMULATOR
 from robogauntlet.adapters.gymnasium import mapping as mappings
 from robogauntlet.adapters.gymnasium import simulation as adapter
 from robogauntlet.adapters.gymnasium.expressions import check_expression, value_of
@@ -151,7 +152,7 @@ def test_a_task_has_the_goal_of_its_mapping(tmp_path):
 def test_success_is_progress_and_idling_is_none_by_the_goal_of_a_shipped_mapping(task):
     pytest.importorskip("gymnasium_robotics")
     with closing(adapter.open_environment(task, VIEW)) as simulation:
-        check_goal(adapter.SIMULATOR, task, simulation, seed=1, steps=10)
+        check_goal(SIMULATOR, task, simulation, seed=1, steps=10)
 
 
 def test_an_expression_only_reads():
