@@ -38,15 +38,20 @@ class DatasetMixture:
     def __init__(self, datasets: Sequence[Demonstrations]) -> None:
         """Split each dataset into training and held-out episodes.
 
-        Raises DatasetError without datasets, for those of two arms, or if they differ in cameras or image size.
+        Raises DatasetError without datasets, or if they differ in cameras, image size or number of arms.
         """
         if not datasets:
             raise DatasetError("expected at least one dataset, got none")
         self.datasets = tuple(datasets)
         self.cameras, self.image_size = datasets[0].spec.cameras, datasets[0].spec.image_size
+        self.arms = datasets[0].spec.arms
         for dataset in datasets:
-            if dataset.spec.arms != 1:
-                raise DatasetError(f"{dataset.folder}: expected demonstrations of one arm to train on, got of two")
+            if dataset.spec.arms != self.arms:
+                of = {1: "one arm", 2: "two arms"}
+                raise DatasetError(
+                    f"{dataset.folder}: expected demonstrations of {of[self.arms]} as in {datasets[0].folder}, "
+                    f"got of {of[dataset.spec.arms]}"
+                )
             if (set(dataset.spec.cameras), dataset.spec.image_size) != (set(self.cameras), self.image_size):
                 raise DatasetError(
                     f"{dataset.folder}: expected {self.image_size} px images of {', '.join(self.cameras)} as in "

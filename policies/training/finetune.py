@@ -25,6 +25,7 @@ from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from torch import nn
 
+from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, CheckpointMetadata, check_action_steps
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
@@ -163,7 +164,10 @@ def pretrain(
         PolicyError: Images that do not fit the architecture, or a folder that holds something else.
     """
     check_action_steps(action_steps, architecture)
-    check_images(mixture, architecture)
+    architecture = replace(
+        architecture, action_dim=ACTION_DIM * mixture.arms, proprioception_dim=PROPRIOCEPTION_DIM * mixture.arms
+    )
+    check_data(mixture, architecture)
     model = build(architecture, settings.seed)
     if prepare is not None:
         prepare(model)
@@ -214,7 +218,7 @@ def finetune(
         raise TrainingError(f"expected a base, got '{base}', an expert")
     if isinstance(base, Path) and base.resolve() == out.resolve():
         raise TrainingError(f"expected a folder other than the base's for the expert, got '{out}'")
-    check_images(mixture, start.model.architecture)
+    check_data(mixture, start.model.architecture)
     check_action_steps(action_steps, start.model.architecture)
     if fresh_trunk is not None:
         fresh = build(start.model.architecture, fresh_trunk).state_dict()
@@ -236,8 +240,8 @@ def finetune(
     return _train(start.model, metadata, base, mixture, out, settings, listener, stop, dtype=dtype)
 
 
-def check_images(mixture: DatasetMixture, architecture: Architecture) -> None:
-    """Raise TrainingError if a camera is missing in the data, or its images have another size."""
+def check_data(mixture: DatasetMixture, architecture: Architecture) -> None:
+    """Raise TrainingError if a camera is missing in the data, its images have another size, or its actions do."""
     missing = [camera for camera in architecture.cameras if camera not in mixture.cameras]
     if missing:
         raise TrainingError(f"expected images of camera {missing[0]}, the data has {', '.join(mixture.cameras)}")
@@ -245,6 +249,11 @@ def check_images(mixture: DatasetMixture, architecture: Architecture) -> None:
         raise TrainingError(
             f"expected {architecture.image_size} px images for architecture '{architecture.name}', "
             f"the data has {mixture.image_size} px"
+        )
+    if architecture.action_dim != ACTION_DIM * mixture.arms:
+        raise TrainingError(
+            f"expected actions of {architecture.action_dim} numbers, as the base's, the data has "
+            f"{ACTION_DIM * mixture.arms}"
         )
 
 

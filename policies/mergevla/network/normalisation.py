@@ -19,7 +19,7 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.stored import STRICT, Stored
 
 GRIPPER = 6
-"""Index of the gripper in an action. It is -1 .. +1 already and has only two values, so quantiles are not used."""
+"""Index of the gripper in an arm's action. It is -1 .. +1 already with only two values, so quantiles are not used."""
 SMALLEST_RANGE = 1e-6
 """A number that varies by less (m, rad) is constant: it is normalised to 0."""
 
@@ -87,6 +87,11 @@ class Quantiles:
         return low, high - low
 
 
+def arms_in(action: Quantiles) -> int:
+    """Return the number of arms whose actions have these ranges, 2 if they are so many, else 1."""
+    return 2 if len(action.q01) == 2 * ACTION_DIM else 1
+
+
 @dataclass(frozen=True, config=STRICT)
 class Statistics(Stored):
     """Statistics of one task's training data, by which proprioception and actions are normalised."""
@@ -95,45 +100,47 @@ class Statistics(Stored):
     refusal: ClassVar = StatisticsError
 
     action: Quantiles
-    """Ranges of 7 numbers (m, rad, gripper), see `robogauntlet.adapters.contract`."""
+    """Ranges of 7 numbers for each arm (m, rad, gripper), see `robogauntlet.adapters.contract`."""
     proprioception: Quantiles
-    """Ranges of 8 numbers (m, rad, m)."""
+    """Ranges of 8 numbers for each arm (m, rad, m)."""
 
     def __post_init__(self) -> None:
+        arms = arms_in(self.action)
         for name, quantiles, dim in (
-            ("action", self.action, ACTION_DIM),
-            ("proprioception", self.proprioception, PROPRIOCEPTION_DIM),
+            ("action", self.action, ACTION_DIM * arms),
+            ("proprioception", self.proprioception, PROPRIOCEPTION_DIM * arms),
         ):
             if len(quantiles.q01) != dim:
                 raise StatisticsError(f"expected {name} statistics of {dim} numbers, got {len(quantiles.q01)}")
 
     @classmethod
     def of(cls, actions: ArrayLike, proprioceptions: ArrayLike) -> Statistics:
-        """Return the statistics of actions (n, 7) and proprioceptions (n, 8).
+        """Return the statistics of actions (n, 7 * arms) and proprioceptions (n, 8 * arms).
 
         Raises StatisticsError for other shapes, no samples, or samples that are not finite.
         """
         quantiles = Quantiles.of(actions)
-        if len(quantiles.q01) == ACTION_DIM:
-            quantiles = quantiles.widened(LEAST_SPAN)
+        if len(quantiles.q01) == ACTION_DIM * arms_in(quantiles):
+            quantiles = quantiles.widened(LEAST_SPAN * arms_in(quantiles))
         return cls(quantiles, Quantiles.of(proprioceptions))
 
     def normalise_actions(self, actions: ArrayLike) -> FloatArray:
-        """Map actions (..., 7) to [-1, 1]; the gripper is only clipped."""
+        """Map actions (..., 7 * arms) to [-1, 1]; grippers are only clipped."""
         given = np.asarray(actions, dtype=np.float64)
         return self._with_gripper(self.action.normalise(given), given)
 
     def restore_actions(self, normalised: ArrayLike) -> FloatArray:
-        """The inverse of `normalise_actions` within its range, shape (..., 7)."""
+        """The inverse of `normalise_actions` within its range, shape (..., 7 * arms)."""
         given = np.asarray(normalised, dtype=np.float64)
         return self._with_gripper(self.action.restore(given), given)
 
     def normalise_proprioception(self, proprioception: ArrayLike) -> FloatArray:
-        """Map proprioception (..., 8) to [-1, 1]."""
+        """Map proprioception (..., 8 * arms) to [-1, 1]."""
         return self.proprioception.normalise(proprioception)
 
     def _with_gripper(self, actions: FloatArray, given: FloatArray) -> FloatArray:
-        actions[..., GRIPPER] = np.clip(given[..., GRIPPER], -1.0, 1.0)
+        grippers = slice(GRIPPER, None, ACTION_DIM)
+        actions[..., grippers] = np.clip(given[..., grippers], -1.0, 1.0)
         return actions
 
 
@@ -174,7 +181,8 @@ class TaskStatistics(Stored):
         Quantiles of all frames together would cut off motions that one task of many has.
         """
         every = self.by_task.values()
-        action = Quantiles.spanning([one.action for one in every]).widened(LEAST_SPAN)
+        action = Quantiles.spanning([one.action for one in every])
+        action = action.widened(LEAST_SPAN * arms_in(action))
         return TaskStatistics({name: Statistics(action, Quantiles.spanning([one.proprioception for one in every]))})
 
     def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:

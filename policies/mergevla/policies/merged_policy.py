@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Observation
+from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies.contract import Decision, PolicyMismatch, PolicySpec, Query, Routing
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import Experts, merge_parts, read_experts
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedCheckpoint, load_merged
@@ -55,7 +55,8 @@ class MergedPolicy:
             size = model.architecture.image_size
             images = torch.zeros(len(model.architecture.cameras), 3, size, size)
             task = next(iter(model.expert_of))
-            router.route([FirstObservation(images, "", np.zeros(PROPRIOCEPTION_DIM), "", task)], model)
+            proprioception = np.zeros(model.architecture.proprioception_dim)
+            router.route([FirstObservation(images, "", proprioception, "", task)], model)
 
     @classmethod
     def of(cls, options: MergedOptions) -> MergedPolicy:

@@ -43,8 +43,8 @@ class FirstObservation:
             raise RoutingError(
                 f"expected images of shape (cameras, 3, H, W) in [0, 1], got {tuple(images.shape)} of {images.dtype}"
             )
-        if state.shape != (PROPRIOCEPTION_DIM,):
-            raise RoutingError(f"expected proprioception of shape ({PROPRIOCEPTION_DIM},), got {state.shape}")
+        if state.ndim != 1 or len(state) % PROPRIOCEPTION_DIM:
+            raise RoutingError(f"expected proprioception of shape ({PROPRIOCEPTION_DIM} * arms,), got {state.shape}")
 
 
 class Router(Protocol):

@@ -48,16 +48,16 @@ def test_recorded_episodes_are_read_back(dataset, recordings):
             assert np.array_equal(dataset.images(camera, frames), np.stack(r.images[camera]))
 
 
-def test_demonstrations_of_two_arms_are_read_back_and_no_network_is_trained_on_them(tmp_path):
+def test_demonstrations_of_two_arms_are_read_back_and_not_mixed_with_those_of_one(tmp_path, dataset):
     recorded = recording(states=np.ones((12, 16)), actions=np.full((12, 14), 0.5))
-    write(tmp_path / "set", [recorded])
-    read = Demonstrations(tmp_path / "set")
+    write(tmp_path / "two", [recorded])
+    read = Demonstrations(tmp_path / "two")
     assert np.array_equal(read.actions, recorded.actions.astype(np.float32))
     assert read.states.shape == (12, 16)
     last = read.batch(np.array([11]), chunk_length=2).actions[0, 1]
     assert last.tolist() == ([0.0] * 6 + [0.5]) * 2, "past the end: no motion, the grippers' last commands"
-    with one_line_error(DatasetError, "set: expected demonstrations of one arm to train on, got of two"):
-        DatasetMixture([read])
+    with one_line_error(DatasetError, "two: expected demonstrations of one arm as in .*set, got of two arms"):
+        DatasetMixture([dataset, read])
 
 
 def test_a_chunk_ends_with_its_episode(dataset, recordings):
