@@ -9,10 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.torch import load_file
 
-from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.cli.policies.training_progress import line
-from robogauntlet.policies import catalog
-from robogauntlet.policies.contract import PolicyError, Query
+from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, WEIGHTS, CheckpointMetadata
 from robogauntlet.policies.mergevla.network.config import LoraSettings, PaperCodeQuirks
@@ -31,7 +29,7 @@ from robogauntlet.policies.training.training_checkpoint import (
     load_state,
     save_state,
 )
-from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, Episode, Protocol
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED
 from tests.errors import one_line_error
 from tests.policies.mergevla.network.test_pretrained import LITTLE
 from tests.policies.mergevla.shared import SMALL
@@ -88,23 +86,6 @@ def test_loss_falls(pool, tmp_path):
     settings = replace(QUICK, steps=60, batch_size=16, learning_rate=5e-3)
     losses = pretrain(pool, SMALL, tmp_path, settings).history.losses
     assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
-
-
-def test_networks_of_two_arms_are_trained_and_act_with_twice_the_numbers(pool, tmp_path):
-    recorded = [episode(FIRST_TRAINING_SEED + seed) for seed in range(6)]
-    both = [replace(one, states=np.tile(one.states, 2), actions=np.tile(one.actions, 2)) for one in recorded]
-    write(tmp_path / "Two", both, per_file=1, task="null/Two")
-    two = DatasetMixture.open([tmp_path / "Two"])
-    base, expert = tmp_path / "base", tmp_path / "expert"
-    pretrain(two, SMALL, base, QUICK)
-    finetune(two, base, expert, QUICK, lora=LORA)
-    policy = catalog.load("mergevla", {"checkpoint": str(expert)})
-    assert policy.spec.action_dim == 14
-    shown = Observation({camera: np.zeros((16, 16, 3), np.uint8) for camera in CAMERAS}, np.zeros(16), "reach the goal")
-    (decision,) = policy.act([Query(Episode("p", "p", "null/Two", 0, Protocol(8)), 0, observation=shown)])
-    assert decision.actions.shape[1] == 14
-    with one_line_error(TrainingError, "expected actions of 14 numbers, as the base's, the data has 7"):
-        finetune(pool, base, tmp_path / "one", QUICK, lora=LORA)
 
 
 def test_held_out_episodes_are_never_trained_on(data):
