@@ -25,7 +25,6 @@ from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from torch import nn
 
-from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, CheckpointMetadata, check_action_steps
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
@@ -164,9 +163,7 @@ def pretrain(
         PolicyError: Images that do not fit the architecture, or a folder that holds something else.
     """
     check_action_steps(action_steps, architecture)
-    architecture = replace(
-        architecture, action_dim=ACTION_DIM * mixture.arms, proprioception_dim=PROPRIOCEPTION_DIM * mixture.arms
-    )
+    architecture = architecture.with_arms(mixture.arms)
     check_data(mixture, architecture)
     model = build(architecture, settings.seed)
     if prepare is not None:
@@ -250,11 +247,9 @@ def check_data(mixture: DatasetMixture, architecture: Architecture) -> None:
             f"expected {architecture.image_size} px images for architecture '{architecture.name}', "
             f"the data has {mixture.image_size} px"
         )
-    if architecture.action_dim != ACTION_DIM * mixture.arms:
-        raise TrainingError(
-            f"expected actions of {architecture.action_dim} numbers, as the base's, the data has "
-            f"{ACTION_DIM * mixture.arms}"
-        )
+    expected, found = architecture.action_dim, architecture.with_arms(mixture.arms).action_dim
+    if expected != found:
+        raise TrainingError(f"expected actions of {expected} numbers, as the base's, the data has {found}")
 
 
 @contextmanager

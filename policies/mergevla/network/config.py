@@ -176,6 +176,10 @@ class Architecture(Stored):
                 f"got {len(self.cameras)}, {self.prompt_tokens} and {self.action_queries}"
             )
 
+    def with_arms(self, arms: int) -> Architecture:
+        """Return the same network with the numbers of one arm or of two."""
+        return replace(self, action_dim=ACTION_DIM * arms, proprioception_dim=PROPRIOCEPTION_DIM * arms)
+
     @property
     def width(self) -> int:
         """Numbers per token, in the language model and in the action expert."""
