@@ -104,9 +104,9 @@ def check_arms(arms: object) -> None:
         raise ValueError(f"arms: expected 1 or 2, found {arms!r}")
 
 
-def is_first_frame(name: str) -> bool:
-    """Return whether an entry of `privileged_state` is in the frame of the first arm's base and of a thing, no arm."""
-    return not name.startswith(ARM_PREFIXES[1])
+def is_of_second_arm(name: str) -> bool:
+    """Return whether an entry of `privileged_state` is of the second arm, and no object or goal."""
+    return name.startswith(ARM_PREFIXES[1])
 
 
 def names_of_arms(names: Sequence[str], arms: int) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition, is_first_frame
+from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition, is_of_second_arm
 from robogauntlet.adapters.scene_control import DynamicsFactors, PlacementRegion, Unreachable, unit
 from robogauntlet.orchestrator.perturbations.base import Perturbed
 
@@ -40,7 +40,7 @@ class ObjectPosition(Perturbed):
         others = [
             where[:2]
             for name, where in state.items()
-            if name.endswith(POSITION) and is_first_frame(name) and name not in ignored
+            if name.endswith(POSITION) and not is_of_second_arm(name) and name not in ignored
         ]
         for place in self.generator.permutation(_places_around(self._region, own, self.level / 100)):
             if self._name != "goal" and _is_nearer(place, own, state.get("goal_position")):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from robogauntlet.adapters.camera_geometry import aim_point
-from robogauntlet.adapters.contract import FloatArray, Observation, is_first_frame
+from robogauntlet.adapters.contract import FloatArray, Observation, is_of_second_arm
 from robogauntlet.adapters.photometry import difference, encoded, lab, light_of_lab, linear
 from robogauntlet.adapters.scene_control import Form, Prop
 from robogauntlet.orchestrator.perturbations.base import ImagePairs, Images, PerturbedScene
@@ -85,7 +85,9 @@ class Distractors(PerturbedTable):
 
     def _drawn_props(self) -> list[Prop]:
         state = self.simulation.privileged_state()
-        objects = [where[:2] for name, where in state.items() if name.endswith("_position") and is_first_frame(name)]
+        objects = [
+            where[:2] for name, where in state.items() if name.endswith("_position") and not is_of_second_arm(name)
+        ]
         cameras = self._required(self.scene_controls.cameras, "cameras be read")
         aim = aim_point(cameras.viewpoint(THIRD_PERSON), self._control.table_height)[:2]
         generator, window = self.generator, WINDOW

@@ -1,8 +1,11 @@
 """Two arms in one task of robosuite: the numbers of both, and an oracle that lifts with both."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
+import robogauntlet
 from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.orchestrator.demonstrations.recorder import RecordedSimulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
@@ -55,6 +58,16 @@ def test_an_episode_is_played_and_recorded_with_all_numbers(opened):
     assert played.status == "success"
     assert recording.actions.shape == (played.steps, 14)
     assert recording.states.shape == (played.steps, 16)
+
+
+@pytest.mark.simulator
+def test_an_environment_takes_and_shows_the_numbers_of_both_arms():
+    with closing(robogauntlet.make(f"robosuite/{TASK}", image_size=48)) as environment:
+        seen, _ = environment.reset(seed=0)
+        assert environment.action_space.shape == (14,)
+        assert seen["proprioception"].shape == environment.observation_space["proprioception"].shape == (16,)
+        with pytest.raises(ValueError, match="expected one action of 14 finite numbers"):
+            environment.step(np.zeros(7))
 
 
 def test_a_policy_of_one_arm_is_refused_in_one_line():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.contract import FloatArray, is_of_second_arm
 from robogauntlet.adapters.scene_control import Arm, BodyDynamics, DynamicsFactors, Objects, Unreachable
 from robogauntlet.orchestrator.adapter_kit.checks.check import (
     Check,
@@ -22,8 +22,8 @@ from robogauntlet.orchestrator.adapter_kit.checks.check import (
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask, most_changed
 
 SEED, SEED_IN_SIGHT = 3, 5
-NO_OBSTACLES = ("tcp_position", "goal_position", "second_tcp_position", "second_base_position")
-"""Positions in the state that are no obstacles."""
+NO_OBSTACLES = ("tcp_position", "goal_position")
+"""Positions in the state that are no obstacles, beside those of a second arm."""
 
 
 def offered(subject: CheckedTask, part: str) -> Any:
@@ -110,7 +110,9 @@ def _free_offset(name: str, state: Mapping[str, FloatArray]) -> FloatArray:
     """Return an offset (2,) of an object, away from all others."""
     own = f"{name}_position"
     others = [
-        place[:2] for key, place in state.items() if key.endswith("_position") and key not in (own, *NO_OBSTACLES)
+        place[:2]
+        for key, place in state.items()
+        if key.endswith("_position") and not is_of_second_arm(key) and key not in (own, *NO_OBSTACLES)
     ]
     offsets = [np.array([x, y]) for x in (0.03, -0.03) for y in (-0.02, 0.02)]
     return max(
