@@ -14,7 +14,7 @@ from torch.nn.functional import normalize
 
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.model import MergeVLA
-from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
+from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics, padded
 from robogauntlet.policies.mergevla.network.tokenizer import Prompts, Tokenizer
 from robogauntlet.policies.training.dataset import Batch
 
@@ -37,9 +37,9 @@ class Objective(StrEnum):
 
 
 def masked_l1(predicted: Tensor, target: Tensor, mask: Tensor) -> Tensor:
-    """Mean absolute difference of chunks (B, chunk, 7) over the steps where `mask`, shape (B, chunk), is true."""
-    wide = mask[..., None].to(predicted.dtype)
-    return ((predicted - target).abs() * wide).sum() / (wide.sum() * predicted.shape[-1]).clamp(min=1.0)
+    """Mean absolute difference of chunks (B, chunk, numbers) where `mask`, of the same shape, is true."""
+    counted = mask.to(predicted.dtype)
+    return ((predicted - target).abs() * counted).sum() / counted.sum().clamp(min=1.0)
 
 
 def contrastive_loss(one: Tensor, other: Tensor, matches: Tensor) -> Tensor:
@@ -69,7 +69,7 @@ class BatchLoss:
     objective: Objective = Objective.L1
 
     def loss(self, model: MergeVLA, batch: Batch) -> Tensor:
-        """The mean L1 of the model's normalised chunks, past the episode's end left out.
+        """The mean L1 of the model's normalised chunks, without steps past the episode's end and arms not in the task.
 
         With `Objective.MATCHING`: the mean contrastive loss over pairs of the cameras' images and the sentence, each
         embedded on its own. Images of one frame match, and a sentence matches the images of all frames that have it.
@@ -78,11 +78,13 @@ class BatchLoss:
         images = torch.from_numpy(pixels).to(self.device).permute(0, 1, 4, 2, 3).float() / 255.0
         if self.objective is Objective.MATCHING:
             return self._matching(model, images, batch.instructions)
-        states = self._tensor(self.statistics.normalise_proprioception(batch.tasks, batch.states))
-        target = self._tensor(self.statistics.normalise_actions(batch.tasks, batch.actions))
-        prompts = self._prompts(batch.instructions)
-        mask = torch.from_numpy(batch.mask).to(self.device)
-        return masked_l1(model(images, prompts, states), target, mask)
+        proprioception = padded(batch.states, self.architecture.proprioception_dim)
+        states = self._tensor(self.statistics.normalise_proprioception(batch.tasks, proprioception))
+        actions = padded(batch.actions, self.architecture.action_dim)
+        target = self._tensor(self.statistics.normalise_actions(batch.tasks, actions))
+        used = self.statistics.is_used(batch.tasks, self.architecture.action_dim)
+        mask = torch.from_numpy(batch.mask[..., None] & used[:, None]).to(self.device)
+        return masked_l1(model(images, self._prompts(batch.instructions), states), target, mask)
 
     def _matching(self, model: MergeVLA, images: Tensor, instructions: Sequence[str]) -> Tensor:
         cameras, blank = images.shape[1], [""] * len(images)

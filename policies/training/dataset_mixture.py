@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import Image
-from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics
+from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics, padded
 from robogauntlet.policies.training.dataset import Batch, Demonstrations, open_datasets, pooled_hash
 from robogauntlet.policies.training.lerobot_format import DatasetError
 
@@ -38,20 +38,15 @@ class DatasetMixture:
     def __init__(self, datasets: Sequence[Demonstrations]) -> None:
         """Split each dataset into training and held-out episodes.
 
-        Raises DatasetError without datasets, or if they differ in cameras, image size or number of arms.
+        Raises DatasetError without datasets, or if they differ in cameras or image size.
         """
         if not datasets:
             raise DatasetError("expected at least one dataset, got none")
         self.datasets = tuple(datasets)
         self.cameras, self.image_size = datasets[0].spec.cameras, datasets[0].spec.image_size
-        self.arms = datasets[0].spec.arms
+        self.arms = max(dataset.spec.arms for dataset in datasets)
+        """Arms of the task that has most; `padded` gives the others' batches as many numbers."""
         for dataset in datasets:
-            if dataset.spec.arms != self.arms:
-                of = {1: "one arm", 2: "two arms"}
-                raise DatasetError(
-                    f"{dataset.folder}: expected demonstrations of {of[self.arms]} as in {datasets[0].folder}, "
-                    f"got of {of[dataset.spec.arms]}"
-                )
             if (set(dataset.spec.cameras), dataset.spec.image_size) != (set(self.cameras), self.image_size):
                 raise DatasetError(
                     f"{dataset.folder}: expected {self.image_size} px images of {', '.join(self.cameras)} as in "
@@ -176,8 +171,8 @@ def _joined(parts: Sequence[Batch]) -> Batch:
         return parts[0]
     return Batch(
         {camera: np.concatenate([part.images[camera] for part in parts]) for camera in parts[0].images},
-        np.concatenate([part.states for part in parts]),
-        np.concatenate([part.actions for part in parts]),
+        np.concatenate([padded(part.states, max(part.states.shape[-1] for part in parts)) for part in parts]),
+        np.concatenate([padded(part.actions, max(part.actions.shape[-1] for part in parts)) for part in parts]),
         np.concatenate([part.mask for part in parts]),
         tuple(instruction for part in parts for instruction in part.instructions),
         tuple(task for part in parts for task in part.tasks),

@@ -248,7 +248,7 @@ def check_data(mixture: DatasetMixture, architecture: Architecture) -> None:
             f"the data has {mixture.image_size} px"
         )
     expected, found = architecture.action_dim, architecture.with_arms(mixture.arms).action_dim
-    if expected != found:
+    if expected < found:
         raise TrainingError(f"expected actions of {expected} numbers, as the base's, the data has {found}")
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import model_serializer, model_validator
 from pydantic.dataclasses import dataclass
 
@@ -92,6 +92,12 @@ def arms_in(action: Quantiles) -> int:
     return 2 if len(action.q01) == 2 * ACTION_DIM else 1
 
 
+def padded(values: ArrayLike, numbers: int) -> NDArray[Any]:
+    """Return values (..., n) with zeros after them, shape (..., `numbers`): an arm that a task does not have."""
+    given = np.asarray(values)
+    return np.pad(given, [(0, 0)] * (given.ndim - 1) + [(0, numbers - given.shape[-1])])
+
+
 @dataclass(frozen=True, config=STRICT)
 class Statistics(Stored):
     """Statistics of one task's training data, by which proprioception and actions are normalised."""
@@ -149,7 +155,7 @@ class TaskStatistics(Stored):
     """Statistics by task: the same number may range over centimetres in one task and over decimetres in another.
 
     Statistics of a single task are used for every task, so that an expert can be evaluated on tasks it was not trained
-    on.
+    on. In a network of two arms, a task of one has the first numbers, and the others are zeros (`padded`).
     """
 
     what: ClassVar = "normalisation statistics by task"
@@ -167,6 +173,11 @@ class TaskStatistics(Stored):
         """The tasks, in their order."""
         return tuple(self.by_task)
 
+    @property
+    def arms(self) -> frozenset[int]:
+        """The numbers of arms that the tasks have."""
+        return frozenset(arms_in(one.action) for one in self.by_task.values())
+
     def of(self, task: str) -> Statistics:
         """Return the statistics for a task. Raises StatisticsError if there are several tasks', but not this one's."""
         if task in self.by_task:
@@ -178,33 +189,46 @@ class TaskStatistics(Stored):
     def together(self, name: str) -> TaskStatistics:
         """Return one set of statistics for all tasks, under that name: the smallest ranges that contain all of theirs.
 
-        Quantiles of all frames together would cut off motions that one task of many has.
+        Quantiles of all frames together would cut off motions that one task of many has. Raises StatisticsError for
+        tasks of one arm and of two.
         """
+        if len(self.arms) > 1:
+            raise StatisticsError(f"expert of several tasks: expected one number of arms, got 1 and 2 in {name}")
         every = self.by_task.values()
         action = Quantiles.spanning([one.action for one in every])
         action = action.widened(LEAST_SPAN * arms_in(action))
         return TaskStatistics({name: Statistics(action, Quantiles.spanning([one.proprioception for one in every]))})
 
+    def is_used(self, tasks: Sequence[str], numbers: int) -> NDArray[np.bool_]:
+        """Return which numbers of a network's action each of b tasks has, shape (b, numbers)."""
+        return np.array([np.arange(numbers) < len(self.of(task).action.q01) for task in tasks])
+
     def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:
-        """Map actions (b, ..., 7) of b tasks to [-1, 1]."""
-        return self._each(tasks, actions, Statistics.normalise_actions)
+        """Map actions (b, ..., 7 * arms) of b tasks to [-1, 1]."""
+        return self._each(tasks, actions, Statistics.normalise_actions, ACTION_DIM)
 
     def restore_actions(self, tasks: Sequence[str], normalised: ArrayLike) -> FloatArray:
-        """The inverse of `normalise_actions` within its range, shape (b, ..., 7)."""
-        return self._each(tasks, normalised, Statistics.restore_actions)
+        """The inverse of `normalise_actions` within its range, shape (b, ..., 7 * arms)."""
+        return self._each(tasks, normalised, Statistics.restore_actions, ACTION_DIM)
 
     def normalise_proprioception(self, tasks: Sequence[str], proprioception: ArrayLike) -> FloatArray:
-        """Map proprioception (b, 8) of b tasks to [-1, 1]."""
-        return self._each(tasks, proprioception, Statistics.normalise_proprioception)
+        """Map proprioception (b, 8 * arms) of b tasks to [-1, 1]."""
+        return self._each(tasks, proprioception, Statistics.normalise_proprioception, PROPRIOCEPTION_DIM)
 
     def _each(
-        self, tasks: Sequence[str], values: ArrayLike, change: Callable[[Statistics, ArrayLike], FloatArray]
+        self,
+        tasks: Sequence[str],
+        values: ArrayLike,
+        change: Callable[[Statistics, ArrayLike], FloatArray],
+        of_arm: int,
     ) -> FloatArray:
         given = np.asarray(values, dtype=np.float64)
-        changed = np.empty_like(given)
+        changed = np.zeros_like(given)
         for task in set(tasks):
             rows = [row for row, name in enumerate(tasks) if name == task]
-            changed[rows] = change(self.of(task), given[rows])
+            statistics = self.of(task)
+            used = slice(of_arm * arms_in(statistics.action))
+            changed[rows, ..., used] = change(statistics, given[rows][..., used])
         return changed
 
     @model_validator(mode="before")

@@ -47,7 +47,7 @@ class MergedPolicy:
 
     def __init__(self, model: MergedModel, router: Router) -> None:
         torch.set_num_threads(1)
-        self.spec = _spec(model.architecture, model.expert_of, router.name)
+        self.spec = _spec(model.architecture, model.parts.statistics.arms, model.expert_of, router.name)
         self._model, self._router = model, router
         self._chosen: dict[str, str] = {}
         if router.passes(len(model.experts)):
@@ -133,14 +133,16 @@ def merged_spec(options: MergedOptions) -> PolicySpec:
     checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
     router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
     tasks: Iterable[str] = checkpoint.metadata.instructions
+    arms = checkpoint.metadata.statistics.arms
     if options.recipe is not None and options.experts is not None:
         tasks = folders = expert_folders(options.experts)
         _check_recipe(options.recipe, folders, options.router, checkpoint)
-    return _spec(checkpoint.metadata.architecture, tasks, options.router)
+        arms = frozenset().union(*(CheckpointMetadata.read(folder).statistics.arms for folder in folders.values()))
+    return _spec(checkpoint.metadata.architecture, arms, tasks, options.router)
 
 
-def _spec(architecture: Architecture, tasks: Iterable[str], router: str) -> PolicySpec:
-    spec = policy_spec(architecture)
+def _spec(architecture: Architecture, arms: frozenset[int], tasks: Iterable[str], router: str) -> PolicySpec:
+    spec = policy_spec(architecture, arms)
     return replace(spec, tasks=frozenset(tasks), variants=True) if router == OracleRouter.name else spec
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from robogauntlet.adapters.catalog import original
-from robogauntlet.adapters.contract import FloatArray, Observation
+from robogauntlet.adapters.contract import ACTION_DIM, FloatArray, Observation
 from robogauntlet.policies.contract import (
     Decision,
     PolicyError,
@@ -29,7 +29,7 @@ from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import folded, has_lora
 from robogauntlet.policies.mergevla.network.model import MergeVLA
 from robogauntlet.policies.mergevla.network.model_cache import ModelCache
-from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
+from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics, padded
 from robogauntlet.policies.mergevla.network.tokenizer import Prompts, Tokenizer, tokenizer_for
 from robogauntlet.policies.mergevla.options import CPU
 from robogauntlet.suites.episode import Episode
@@ -41,12 +41,12 @@ LARGEST_BATCH = 32
 Key = TypeVar("Key", bound=Hashable)
 
 
-def policy_spec(architecture: Architecture) -> PolicySpec:
-    """Return the spec of a policy of this architecture."""
+def policy_spec(architecture: Architecture, arms: Collection[int]) -> PolicySpec:
+    """Return the spec of a policy of this architecture that was trained in tasks of these numbers of arms."""
     return PolicySpec(
         PolicyInput.OBSERVATION,
         chunk_length=architecture.chunk_length,
-        action_dim=architecture.action_dim,
+        action_dim=None if len(arms) > 1 else ACTION_DIM * max(arms),
         cameras=architecture.cameras,
         image_size=architecture.image_size,
     )
@@ -93,15 +93,16 @@ class Network:
 
     @torch.inference_mode()
     def chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
-        """Return the actions for B observations, by one forward pass, shape (B, n, 7), in the contract's units.
+        """Return the actions for B observations, by one forward pass, shape (B, n, 7 * arms), in the contract's units.
 
-        n is `action_steps`, or the chunk's length. `tasks` names the statistics for each observation. Raises
-        PolicyError for observations that do not fit the network, or a task without statistics.
+        n is `action_steps`, or the chunk's length; arms are the network's. `tasks` names the statistics for each
+        observation. Raises PolicyError for observations that do not fit the network, or a task without statistics.
         """
         device = next(self.model.parameters()).device
         images = stack_images(observations, self.model.architecture.cameras).to(device)
         prompts: Prompts = self.tokenizer([observation.instruction for observation in observations])
-        states = np.stack([observation.proprioception for observation in observations])
+        numbers = self.model.architecture.proprioception_dim
+        states = np.stack([padded(observation.proprioception, numbers) for observation in observations])
         normalised = self.statistics.normalise_proprioception(tasks, states)
         proprioception = torch.from_numpy(normalised).float().to(device)
         chunks = self.model(images, prompts.to(device), proprioception)
@@ -119,7 +120,7 @@ def load_network(reference: str | Path, device: torch.device) -> Network:
 def chunks_by(
     observations: Sequence[Observation], tasks: Sequence[str], keys: Sequence[Key], network: Callable[[Key], Network]
 ) -> list[FloatArray]:
-    """Return an action chunk for each observation, in order; each network is run in its own batches.
+    """Return an action chunk for each observation, in order, of its own arms; each network runs in its own batches.
 
     Args:
         observations: Observations.
@@ -133,7 +134,9 @@ def chunks_by(
         for start in range(0, len(places), LARGEST_BATCH):
             batch = places[start : start + LARGEST_BATCH]
             chunks = network(key).chunks([observations[place] for place in batch], [tasks[place] for place in batch])
-            answers |= dict(zip(batch, chunks, strict=True))
+            answers |= {
+                place: chunk[:, : observations[place].action_dim] for place, chunk in zip(batch, chunks, strict=True)
+            }
     return [answers[place] for place in range(len(observations))]
 
 
@@ -154,14 +157,16 @@ class MergeVLAPolicy(StatelessPolicy):
             device=place,
         )
         if isinstance(checkpoints, Path):
-            self.spec = policy_spec(self._network(checkpoints).model.architecture)
+            network = self._network(checkpoints)
+            self.spec = policy_spec(network.model.architecture, network.statistics.arms)
             return
-        specs = {
-            task: policy_spec(CheckpointMetadata.read(folder).architecture) for task, folder in checkpoints.items()
-        }
-        first, self.spec = next(iter(specs.items()))
+        cards = {task: CheckpointMetadata.read(folder) for task, folder in checkpoints.items()}
+        specs = {task: policy_spec(card.architecture, card.statistics.arms) for task, card in cards.items()}
+        numbers = {spec.action_dim for spec in specs.values()}
+        first, spec_of_first = next(iter(specs.items()))
+        self.spec = replace(spec_of_first, action_dim=numbers.pop() if len(numbers) == 1 else None)
         for task, spec in specs.items():
-            if spec != self.spec:
+            if replace(spec, action_dim=self.spec.action_dim) != self.spec:
                 raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
         self.spec = replace(self.spec, tasks=frozenset(checkpoints), variants=True)
 

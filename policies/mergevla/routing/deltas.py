@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.network.lora import BACKBONE
+from robogauntlet.policies.mergevla.network.normalisation import padded
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError, answer, hidden_states
 
 SMALLEST = 1e-12
@@ -81,14 +82,17 @@ def agreement(model: MergedModel, observations: Sequence[FirstObservation]) -> T
     Both are given an instruction that the expert was trained with, never the observation's: minus the L1 distance of
     the two normalised chunks over the sum of their L1 norms. Of an expert of several tasks, the best agreement counts.
     """
-    states = np.stack([observation.proprioception for observation in observations])
+    numbers = model.architecture.proprioception_dim
+    states = np.stack([padded(observation.proprioception, numbers) for observation in observations])
     columns = []
     for expert in model.experts:
-        normalised = model.parts.statistics.normalise_proprioception([expert] * len(states), states)
+        statistics = model.parts.statistics
+        normalised = statistics.normalise_proprioception([expert] * len(states), states)
+        used = torch.from_numpy(statistics.is_used([expert], model.architecture.action_dim)[0])
         by_task = []
         for task in model.tasks[expert]:
             asked = [replace(observation, instruction=model.instructions[task]) for observation in observations]
-            own, base = (_chunks(model, network, asked, normalised) for network in (expert, None))
+            own, base = (_chunks(model, network, asked, normalised)[..., used] for network in (expert, None))
             difference = (own - base).abs().mean(dim=(1, 2))
             by_task.append(-difference / (own.abs() + base.abs()).mean(dim=(1, 2)).clamp(min=SMALLEST))
         columns.append(torch.stack(by_task).amax(dim=0))

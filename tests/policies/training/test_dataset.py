@@ -48,16 +48,21 @@ def test_recorded_episodes_are_read_back(dataset, recordings):
             assert np.array_equal(dataset.images(camera, frames), np.stack(r.images[camera]))
 
 
-def test_demonstrations_of_two_arms_are_read_back_and_not_mixed_with_those_of_one(tmp_path, dataset):
+def test_demonstrations_of_two_arms_are_read_back_and_mixed_with_those_of_one(tmp_path, dataset):
     recorded = recording(states=np.ones((12, 16)), actions=np.full((12, 14), 0.5))
-    write(tmp_path / "two", [recorded])
+    write(tmp_path / "two", [recorded], task="null/Two")
     read = Demonstrations(tmp_path / "two")
     assert np.array_equal(read.actions, recorded.actions.astype(np.float32))
     assert read.states.shape == (12, 16)
     last = read.batch(np.array([11]), chunk_length=2).actions[0, 1]
     assert last.tolist() == ([0.0] * 6 + [0.5]) * 2, "past the end: no motion, the grippers' last commands"
-    with one_line_error(DatasetError, "two: expected demonstrations of one arm as in .*set, got of two arms"):
-        DatasetMixture([dataset, read])
+    batch = DatasetMixture([dataset, read]).sample(32, seed=0, step=0, chunk_length=2)
+    of_one = np.array(batch.tasks) == dataset.task
+    assert 0 < of_one.sum() < 32
+    assert batch.states.shape == (32, 16)
+    assert not batch.states[of_one, 8:].any()
+    assert not batch.actions[of_one, :, 7:].any()
+    assert batch.actions[~of_one, 0, 7:].all()
 
 
 def test_a_chunk_ends_with_its_episode(dataset, recordings):

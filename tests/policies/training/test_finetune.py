@@ -277,7 +277,7 @@ def test_the_loss_leaves_out_masked_steps():
     predicted, target = torch.zeros(2, 3, 7), torch.ones(2, 3, 7)
     target[1, 1:] = 100.0
     mask = torch.tensor([[True, True, True], [True, False, False]])
-    assert masked_l1(predicted, target, mask) == 1.0
+    assert masked_l1(predicted, target, mask[..., None].expand(2, 3, 7)) == 1.0
 
 
 @given(st.integers(1, 300), st.integers(0, 50), st.sampled_from(Schedule))

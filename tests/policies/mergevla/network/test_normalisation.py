@@ -12,7 +12,9 @@ from robogauntlet.policies.mergevla.network.normalisation import (
     Statistics,
     StatisticsError,
     TaskStatistics,
+    padded,
 )
+from tests.errors import one_line_error
 from tests.policies.mergevla.shared import some_statistics
 
 NUMBERS = st.floats(-10, 10, allow_nan=False, width=32)
@@ -99,3 +101,20 @@ def test_statistics_of_several_tasks_together_cut_off_no_motion_of_one(normalise
     own = both.of(("a/x", "b/y")[task]).restore_actions(normalised)
     together = both.together("expert").of("a/x")
     np.testing.assert_allclose(together.restore_actions(together.normalise_actions(own)), own, atol=1e-9)
+
+
+@given(arrays(np.float64, (4, 14), elements=st.floats(-1, 1)))
+def test_in_a_network_of_two_arms_a_task_of_one_has_the_first_numbers_and_zeros_after_them(normalised):
+    of_one, tasks = some_statistics(), ("null/One", "null/Two")
+    two = Statistics.of(np.eye(14), np.eye(16))
+    statistics = TaskStatistics({"null/One": of_one, "null/Two": two})
+    restored = statistics.restore_actions(["null/One", "null/Two"] * 2, normalised)
+    assert np.array_equal(restored[::2], padded(of_one.restore_actions(normalised[::2, :7]), 14))
+    assert np.array_equal(restored[1::2], two.restore_actions(normalised[1::2]))
+    assert statistics.is_used(tasks, 14).tolist() == [[True] * 7 + [False] * 7, [True] * 14]
+
+
+def test_an_expert_of_several_tasks_has_one_number_of_arms():
+    statistics = TaskStatistics({"a/one": some_statistics(), "a/two": Statistics.of(np.eye(14), np.eye(16))})
+    with one_line_error(StatisticsError, "expected one number of arms, got 1 and 2 in both"):
+        statistics.together("both")
