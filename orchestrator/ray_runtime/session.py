@@ -15,6 +15,7 @@ from typing import Any
 import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
+from robogauntlet.orchestrator.ray_runtime.parts import private, without_unused_parts
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import first_line
 
@@ -39,8 +40,6 @@ _head: ClusterHead | None = None
 _folder: SessionFolder | None = None
 """The folder of the Ray that was started here."""
 _VITAL = ("raylet", "gcs_server")
-_UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
-"""How Ray starts its autoscaler, its log monitor and the server of its dashboard, which nothing here uses."""
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
     ("num_gpus", "GPU", "num_gpus", 1),
@@ -86,7 +85,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         try:
             _start(address, workers)
             if address is None:
-                _folder = SessionFolder(Path(_private("worker", "_global_node").get_session_dir_path()))
+                _folder = SessionFolder(Path(private("worker", "_global_node").get_session_dir_path()))
             else:
                 _head = ClusterHead(ray.get_runtime_context().gcs_address)
             yield
@@ -146,7 +145,7 @@ def _start(address: str | None, workers: int) -> None:
         options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _STARTED_HERE}
     children = set(psutil.Process().children(recursive=True))
     try:
-        with _without_unused_parts():
+        with without_unused_parts():
             ray.init(address or "local", **options)
     except Exception as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
         if address is not None:
@@ -231,7 +230,7 @@ def with_temporary_folder(runtime_env: Mapping[str, Any]) -> dict[str, Any]:
 
 def _dead_parts() -> dict[str, int]:
     """The vital processes of the Ray started here that have died, with their exit status."""
-    node = _private("worker", "_global_node")
+    node = private("worker", "_global_node")
     return {kind: process.returncode for kind, process in (node.dead_processes() if node else ()) if kind in _VITAL}
 
 
@@ -262,29 +261,3 @@ def _silence() -> Iterator[None]:
         yield
     finally:
         module.print_to_stdstream = before  # type: ignore[attr-defined]
-
-
-@contextlib.contextmanager
-def _without_unused_parts() -> Iterator[None]:
-    """Start only those processes of Ray that a session on one machine needs.
-
-    Where Ray's dashboard is installed, its agent would look for its server every second.
-    """
-    node, missing = _private("node", "Node"), _private("utils", "get_dashboard_dependency_error")
-    unused = _UNUSED if missing is not None and missing() is not None else _UNUSED[:-1]
-    before = {name: getattr(node, name) for name in unused if hasattr(node, name)}
-    for name in before:
-        setattr(node, name, lambda *_, **__: None)
-    try:
-        yield
-    finally:
-        for name, start in before.items():
-            setattr(node, name, start)
-
-
-def _private(module: str, name: str) -> Any:
-    """A private name of Ray for which there is no public interface; None if this version of Ray lacks it."""
-    try:
-        return getattr(importlib.import_module(f"ray._private.{module}"), name, None)
-    except ImportError:
-        return None

@@ -70,7 +70,7 @@ def measure() -> list[dict[str, object]]:
     own = pd.concat([each[each.policy == "expert-of-" + each.task.map(_arm)].assign(policy="experts"), *alone])
     frames = [each.assign(setting="one skill")]
     for setting, tasks, others in (("one skill", ONE_SKILL, UNSEEN), ("three skills", THREE_SKILLS, ())):
-        merges = _merges(folder, setting.replace(" ", "-"), {task: experts[task] for task in tasks})
+        merges = merges_of(folder, setting.replace(" ", "-"), {task: experts[task] for task in tasks})
         told = {way: merged_policy(out) for way, out in merges.items()}
         routed = {name: merged_policy(merges[way], router) for name, (way, router) in ROUTED.items()}
         played = [
@@ -87,13 +87,13 @@ def measure() -> list[dict[str, object]]:
     return rows
 
 
-def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
+def rows_of(frame: pd.DataFrame, settings: Mapping[str, Sequence[str]] = SETTINGS) -> list[dict[str, object]]:
     """Success by task and in all with Wilson's interval, its share of the experts' paired by seed, and routing.
 
-    `frame` has a row per episode: setting, and the columns `EPISODE`.
+    `frame` has a row per episode: setting, and the columns `EPISODE`; `settings` names the tasks of each.
     """
     rows = []
-    for setting, tasks in SETTINGS.items():
+    for setting, tasks in settings.items():
         inside = frame[frame.setting == setting]
         won = inside.assign(won=inside.status.map({"success": 1.0, "failure": 0.0})).pivot(
             index=["task", "seed"], columns="policy", values="won"
@@ -120,7 +120,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     return rows
 
 
-def _merges(folder: Path, setting: str, experts: Mapping[str, Path]) -> dict[str, Path]:
+def merges_of(folder: Path, setting: str, experts: Mapping[str, Path]) -> dict[str, Path]:
     """Merge the experts in every way, unless that is done: names to checkpoints."""
     merges = {way: folder / "merges" / setting / way for way in MERGES}
     shown = [folder / "demonstrations" / task.replace("/", "__") for task in experts]

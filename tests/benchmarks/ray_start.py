@@ -16,7 +16,7 @@ import psutil
 from robogauntlet.orchestrator.ray_runtime import session
 
 if sys.argv[1] == "all":
-    session._without_unused_parts = contextlib.nullcontext
+    session.without_unused_parts = contextlib.nullcontext
 start = time.perf_counter()
 with session.ray_session(address=None, workers=1):
     up = time.perf_counter() - start

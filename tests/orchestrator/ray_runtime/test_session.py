@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robogauntlet.orchestrator.ray_runtime import session
+from robogauntlet.orchestrator.ray_runtime.parts import UNUSED, without_unused_parts
 from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for_workers
 from tests.processes import GAUNTLET, listening_addresses, run_process, started_by
 
@@ -37,7 +37,7 @@ before = {name: value for name, value in os.environ.items() if name.startswith("
 with ray_session(address=None, workers=1):
     token = os.environ["RAY_AUTH_MODE"]
     listening = listening_addresses(psutil.Process())
-    unused = [name for name in ("monitor.py", "dashboard.py") if started_by(psutil.Process(), name)]
+    unused = [name for name in ("monitor.py", "dashboard.py", "::DashboardAgent") if started_by(psutil.Process(), name)]
 same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 found = {"mode": token, "listening": sorted(listening), "unused": unused, "environment as before": same}
 print(json.dumps(found))
@@ -57,7 +57,7 @@ def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_envi
 
 
 @pytest.mark.ray
-def test_ray_of_one_machine_runs_without_autoscaler_log_monitor_and_dashboard(found):
+def test_ray_of_one_machine_runs_without_autoscaler_log_monitor_dashboard_and_its_agent(found):
     assert found["unused"] == []
 
 
@@ -68,11 +68,11 @@ def test_the_server_of_rays_dashboard_starts_where_its_agent_would_look_for_it(i
 
     missing = None if installed else ImportError("aiohttp")
     monkeypatch.setattr("ray._private.utils.get_dashboard_dependency_error", lambda: missing)
-    before = {name: getattr(Node, name) for name in session._UNUSED}
-    with session._without_unused_parts():
+    before = {name: getattr(Node, name) for name in UNUSED}
+    with without_unused_parts():
         started = [name for name, start in before.items() if getattr(Node, name) is start]
     assert started == (["start_api_server"] if installed else [])
-    assert {name: getattr(Node, name) for name in session._UNUSED} == before
+    assert {name: getattr(Node, name) for name in UNUSED} == before
 
 
 FAILING = """

@@ -1,0 +1,64 @@
+"""Which of its processes Ray starts, by private names of it: there is no public interface."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+from robogauntlet.orchestrator.ray_runtime import idle_agent
+
+UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
+"""How Ray starts its autoscaler, its log monitor and the server of its dashboard, which nothing here uses."""
+_INTERPRETER = "_build_python_executable_command_memory_profileable"
+"""Returns the first words of the command of a part that is written in Python."""
+_AGENT = "dashboard_agent"
+
+
+@contextlib.contextmanager
+def without_unused_parts() -> Iterator[None]:
+    """Start only those processes of Ray that a session on one machine needs.
+
+    Where Ray's dashboard is installed, it has its agent and its server, which the agent would look for every second.
+    """
+    node, missing = private("node", "Node"), private("utils", "get_dashboard_dependency_error")
+    has_dashboard = missing is None or missing() is None
+    unused = UNUSED[:-1] if has_dashboard else UNUSED
+    with contextlib.ExitStack() as stack:
+        for name in unused:
+            stack.enter_context(_replaced(node, name, lambda *_, **__: None))
+        services = importlib.import_module("ray._private.services")
+        interpreter = getattr(services, _INTERPRETER, None)
+        if interpreter is not None and not has_dashboard:
+
+            def command(part: str, *arguments: Any, **options: Any) -> list[str]:
+                if part == _AGENT:
+                    return [sys.executable, "-I", "-S", idle_agent.__file__]
+                words: list[str] = interpreter(part, *arguments, **options)
+                return words
+
+            stack.enter_context(_replaced(services, _INTERPRETER, command))
+        yield
+
+
+@contextlib.contextmanager
+def _replaced(place: Any, name: str, value: Any) -> Iterator[None]:
+    """Replace an attribute during the block, if there is one of that name."""
+    if (before := getattr(place, name, None)) is None:
+        yield
+        return
+    setattr(place, name, value)
+    try:
+        yield
+    finally:
+        setattr(place, name, before)
+
+
+def private(module: str, name: str) -> Any:
+    """A private name of Ray for which there is no public interface; None if this version of Ray lacks it."""
+    try:
+        return getattr(importlib.import_module(f"ray._private.{module}"), name, None)
+    except ImportError:
+        return None

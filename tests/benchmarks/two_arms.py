@@ -1,0 +1,44 @@
+"""Experts of two arms merged beside experts of one, in a network of two arms.
+
+`TWO_ARMS=FOLDER python -m tests.benchmarks two_arms` (default `runs/two-arms`) merges and plays the experts of
+`scripts/two_arms.sh`. What is finished in the folder is kept, so that the same command continues.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pandas as pd
+
+from robogauntlet.policies.mergevla.options import expert_folders
+from tests.benchmarks import arms
+from tests.benchmarks.document import write_episodes
+from tests.benchmarks.shared import merged_policy, play_policies, table_of
+
+TASKS = (
+    *("robosuite/TwoArmLift@TwoPandas", "maniskill/TwoRobotPickCube-v1@TwoPandas"),
+    *("robosuite/Lift", "maniskill/PickCube-v1"),
+)
+SETTING = "two arms beside one"
+SEEDS = 50
+
+
+def measure() -> list[dict[str, object]]:
+    """A row for each policy; writes the episodes beside the rows."""
+    folder = Path(os.environ.get("TWO_ARMS", "runs/two-arms")).absolute()
+    found = expert_folders(folder / "experts")
+    merges = arms.merges_of(folder, "all", {task: found[task] for task in TASKS})
+    policies = {"experts": {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}
+    policies |= {way: merged_policy(out) for way, out in merges.items()}
+    policies |= {name: merged_policy(merges[way], router) for name, (way, router) in arms.ROUTED.items()}
+    frame = play_policies(folder, "two-arms", policies, TASKS, SEEDS, arms.EPISODE)
+    write_episodes("two_arms", frame, ("policy", "task", "seed"))
+    rows = rows_of(frame)
+    table_of(rows, {name: field for name, field in arms.COLUMNS.items() if name != "setting"})
+    return rows
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
+    """The rows of `arms.rows_of`; `frame` has a row per episode with the columns `arms.EPISODE`."""
+    return arms.rows_of(frame.assign(setting=SETTING), {SETTING: TASKS})
