@@ -9,7 +9,7 @@ export OMP_NUM_THREADS ?= 1
 # Tests start hundreds of commands, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo test test-fast test-lerobot lint docs dist audit bench fuzz chaos report zoo clean
+.PHONY: help setup drivers tools demo test test-fast test-lerobot lint docs dist audit bench fuzz chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -28,8 +28,13 @@ help:
 	@echo "                PERCENT=1 make zoo: every step of it with a hundredth of the data and training (minutes)"
 	@echo "make setup      virtual environment, pinned packages, rendering drivers"
 
-setup: $(STAMP)
+setup: $(STAMP) drivers
+
+drivers:
 	@bash scripts/render_drivers.sh
+
+tools: drivers
+	@bash scripts/test_tools.sh
 
 $(STAMP): $(PLAYING)
 	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e ".[postgresql,figures,wandb,mlflow,docs,dev]"
@@ -43,14 +48,14 @@ $(PLAYING): pyproject.toml constraints.txt
 	@$(BIN)/python -c "import mani_skill.envs, panda_gym, ray, robosuite, torch, transformers" >/dev/null 2>&1 || true
 	@touch $@
 
-# Needs a fifth less than the tests.
-demo: $(PLAYING)
-	@bash scripts/render_drivers.sh
+# Needs a fifth less than the tests. Packages of Python and of the system are installed side by side, as for the tests.
+demo:
+	@$(MAKE) --no-print-directory --jobs 2 $(PLAYING) drivers
 	$(BIN)/robogauntlet run mergevla --seeds 10
 
 # Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
-test: setup lint
-	@bash scripts/test_tools.sh
+test:
+	@$(MAKE) --no-print-directory --jobs 2 lint tools
 	$(BIN)/python -m pytest -q --dist loadfile --no-loadscope-reorder \
 		-n $$($(BIN)/python -c "import os; print(min(4, len(os.sched_getaffinity(0)) * 3 // 2))")
 
