@@ -7,8 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
-from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of
-from robogauntlet.policies.mergevla.checkpoints.metadata import all_files, checkpoint_files, digest_of, locate
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import MergedMetadata, merged_digest_of
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    CheckpointMetadata,
+    all_files,
+    checkpoint_files,
+    digest_of,
+    locate,
+)
 from robogauntlet.policies.mergevla.options import (
     CPU,
     DEVICE_MEANING,
@@ -16,12 +22,14 @@ from robogauntlet.policies.mergevla.options import (
     MERGED_NAME,
     NAME,
     ROUTER,
+    check_packages,
     device_option,
     expert_folders,
     merged_options,
     needs_packages,
     text_option,
 )
+from robogauntlet.policies.mergevla.spec import UNFITTED_ROUTERS, experts_spec, merged_spec, policy_spec
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.episode import content_hash
 
@@ -47,6 +55,12 @@ def _load(options: Mapping[str, Any]) -> Policy:
     return MergeVLAPolicy(locate(reference), device=device)
 
 
+def _spec(options: Mapping[str, Any]) -> PolicySpec:
+    check_packages(NAME)
+    metadata = CheckpointMetadata.read(locate(_checkpoint(options)))
+    return policy_spec(metadata.architecture, metadata.statistics.arms)
+
+
 def _files(options: Mapping[str, Any]) -> PolicyFiles:
     folder, files = checkpoint_files(_checkpoint(options))
     return PolicyFiles({"checkpoint": folder}, files)
@@ -65,6 +79,13 @@ def _load_experts(options: Mapping[str, Any]) -> Policy:
     with needs_packages(EXPERTS_NAME):
         from robogauntlet.policies.mergevla.policies.single_policy import MergeVLAPolicy
     return MergeVLAPolicy(folders, device=device)
+
+
+def _experts_spec(options: Mapping[str, Any]) -> PolicySpec:
+    check_packages(EXPERTS_NAME)
+    return experts_spec(
+        {task: CheckpointMetadata.read(path) for task, path in expert_folders(_folder(options)).items()}
+    )
 
 
 def _experts_digest(options: Mapping[str, Any]) -> str:
@@ -86,9 +107,14 @@ def _load_merged(options: Mapping[str, Any]) -> Policy:
 
 def _merged_spec(options: Mapping[str, Any]) -> PolicySpec:
     chosen = merged_options(options)
-    with needs_packages(MERGED_NAME):
-        from robogauntlet.policies.mergevla.policies.merged_policy import merged_spec
-    return merged_spec(chosen)
+    check_packages(MERGED_NAME)
+    if chosen.recipe is None:
+        metadata = MergedMetadata.read(locate(chosen.checkpoint))
+        if chosen.router in (*UNFITTED_ROUTERS, *metadata.routers):
+            return merged_spec(metadata.architecture, metadata.statistics.arms, metadata.instructions, chosen.router)
+    from robogauntlet.policies.mergevla.policies.merged_policy import checked_spec
+
+    return checked_spec(chosen)
 
 
 def _merged_digest(options: Mapping[str, Any]) -> str:
@@ -119,7 +145,7 @@ KIND = PolicyKind(
     summary="a vision-language-action network from a checkpoint (arXiv 2511.18810)",
     load=_load,
     digest=_digest,
-    spec=lambda options: _load({**options, "device": CPU}).spec,
+    spec=_spec,
     options={"checkpoint": "folder or hub id of the checkpoint", "device": DEVICE_MEANING},
     files=_files,
 )
@@ -128,7 +154,7 @@ EXPERTS = PolicyKind(
     summary="each task's own expert (arXiv 2511.18810)",
     load=_load_experts,
     digest=_experts_digest,
-    spec=lambda options: _load_experts({**options, "device": CPU}).spec,
+    spec=_experts_spec,
     options={
         "folder": "folder of expert checkpoints; the one trained on the episode's task acts",
         "device": DEVICE_MEANING,

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ ROUTER = "calibrated"
 """The default router of a merged policy."""
 
 
+PACKAGES = ("torch", "transformers", "peft", "accelerate", "safetensors")
 CPU = "cpu"
 DEVICE_MEANING = "cpu, cuda or cuda:N; by default cpu"
 
@@ -39,6 +41,14 @@ def needs_packages(policy: str) -> Iterator[None]:
             f"policy '{policy}': not installed (no module {error.name}); "
             'install it: pip install "robogauntlet[mergevla]"'
         ) from None
+
+
+def check_packages(policy: str) -> None:
+    """Raise PolicyNotInstalled without a package that the networks need."""
+    with needs_packages(policy):
+        for name in PACKAGES:
+            if find_spec(name) is None:
+                raise ModuleNotFoundError(name=name)
 
 
 def text_option(policy: str, options: Mapping[str, Any], option: str, meaning: str) -> str:

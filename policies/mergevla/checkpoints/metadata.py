@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
 from functools import lru_cache
 from pathlib import Path
@@ -71,11 +71,13 @@ class StoredMetadata(Stored):
     @classmethod
     def read(cls, folder: Path) -> Self:
         """Read the metadata of the checkpoint in `folder`. Raises PolicyError if they are missing or malformed."""
-        plain = read_metadata_file(folder)
         try:
-            return cls.from_json(plain)
-        except PolicyError as error:
-            raise type(error)(f"'{folder}': {error}") from None
+            found = (folder / METADATA_FILE).stat()
+            state = (found.st_mtime_ns, found.st_size, found.st_ino)
+        except OSError:
+            state = None
+        metadata: Self = _read(cls.from_json, folder, state)
+        return metadata
 
     @classmethod
     def verified(cls, folder: Path) -> Self:
@@ -94,6 +96,16 @@ class StoredMetadata(Stored):
             _check_hash(base, metadata.base_hash or "")
             _check_hash(base, base_metadata.tensor_hash)
         return metadata
+
+
+@lru_cache(maxsize=256)
+def _read(parse: Callable[[dict[str, Any]], Any], folder: Path, state: tuple[int, int, int] | None) -> Any:
+    """Read metadata, cached until the file's state changes: a suite may name the same experts in 200 policies."""
+    plain = read_metadata_file(folder)
+    try:
+        return parse(plain)
+    except PolicyError as error:
+        raise type(error)(f"'{folder}': {error}") from None
 
 
 def _described(kind: str | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -22,20 +22,18 @@ from robogauntlet.policies.mergevla.merging.merge import check_operator
 from robogauntlet.policies.mergevla.merging.parts import check_blocks
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.trunk import check_kept_blocks
-from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.options import MergedOptions, expert_folders
 from robogauntlet.policies.mergevla.policies.single_policy import (
     Network,
     chunks_by,
     device_named,
     observed,
-    policy_spec,
     stack_images,
 )
-from robogauntlet.policies.mergevla.routing.baselines import OracleRouter
 from robogauntlet.policies.mergevla.routing.catalog import READ
 from robogauntlet.policies.mergevla.routing.catalog import router as router_named
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, named_for
+from robogauntlet.policies.mergevla.spec import merged_spec
 from robogauntlet.suites.episode import Episode
 
 
@@ -47,7 +45,7 @@ class MergedPolicy:
 
     def __init__(self, model: MergedModel, router: Router) -> None:
         torch.set_num_threads(1)
-        self.spec = _spec(model.architecture, model.parts.statistics.arms, model.expert_of, router.name)
+        self.spec = merged_spec(model.architecture, model.parts.statistics.arms, model.expert_of, router.name)
         self._model, self._router = model, router
         self._chosen: dict[str, str] = {}
         if router.passes(len(model.experts)):
@@ -124,26 +122,21 @@ class MergedPolicy:
         return Network(self._model.model(expert), parts.statistics, self._model.tokenizer, steps)
 
 
-def merged_spec(options: MergedOptions) -> PolicySpec:
+def checked_spec(options: MergedOptions) -> PolicySpec:
     """Return the spec of a merged policy, after checking everything except the merging itself.
 
-    With the router `oracle`, it acts in its experts' tasks only. Raises PolicyError if a checkpoint cannot be used, the
-    router is unknown or was not fitted, or experts to be merged do not fit the recipe or the router.
+    Raises PolicyError if a checkpoint cannot be used, the router is unknown or was not fitted, or experts to be merged
+    do not fit the recipe or the router.
     """
     checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
     router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
-    tasks: Iterable[str] = checkpoint.metadata.instructions
+    tasks: Collection[str] = checkpoint.metadata.instructions
     arms = checkpoint.metadata.statistics.arms
     if options.recipe is not None and options.experts is not None:
         tasks = folders = expert_folders(options.experts)
         _check_recipe(options.recipe, folders, options.router, checkpoint)
         arms = frozenset().union(*(CheckpointMetadata.read(folder).statistics.arms for folder in folders.values()))
-    return _spec(checkpoint.metadata.architecture, arms, tasks, options.router)
-
-
-def _spec(architecture: Architecture, arms: frozenset[int], tasks: Iterable[str], router: str) -> PolicySpec:
-    spec = policy_spec(architecture, arms)
-    return replace(spec, tasks=frozenset(tasks), variants=True) if router == OracleRouter.name else spec
+    return merged_spec(checkpoint.metadata.architecture, arms, tasks, options.router)
 
 
 def _version(folder: Path) -> tuple[Path, int]:

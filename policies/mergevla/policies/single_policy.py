@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -13,25 +13,22 @@ import torch
 from torch import Tensor
 
 from robogauntlet.adapters.catalog import original
-from robogauntlet.adapters.contract import ACTION_DIM, FloatArray, Observation
+from robogauntlet.adapters.contract import FloatArray, Observation
 from robogauntlet.policies.contract import (
     Decision,
     PolicyError,
-    PolicyInput,
-    PolicyMismatch,
-    PolicySpec,
     Query,
     StatelessPolicy,
 )
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
-from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import folded, has_lora
 from robogauntlet.policies.mergevla.network.model import MergeVLA
 from robogauntlet.policies.mergevla.network.model_cache import ModelCache
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics, padded
 from robogauntlet.policies.mergevla.network.tokenizer import Prompts, Tokenizer, tokenizer_for
 from robogauntlet.policies.mergevla.options import CPU
+from robogauntlet.policies.mergevla.spec import experts_spec, policy_spec
 from robogauntlet.suites.episode import Episode
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.text import counted
@@ -39,17 +36,6 @@ from robogauntlet.support.text import counted
 LARGEST_BATCH = 32
 """Queries in one forward pass."""
 Key = TypeVar("Key", bound=Hashable)
-
-
-def policy_spec(architecture: Architecture, arms: Collection[int]) -> PolicySpec:
-    """Return the spec of a policy of this architecture that was trained in tasks of these numbers of arms."""
-    return PolicySpec(
-        PolicyInput.OBSERVATION,
-        chunk_length=architecture.chunk_length,
-        action_dim=None if len(arms) > 1 else ACTION_DIM * max(arms),
-        cameras=architecture.cameras,
-        image_size=architecture.image_size,
-    )
 
 
 def stack_images(observations: Sequence[Observation], cameras: Sequence[str]) -> Tensor:
@@ -160,15 +146,7 @@ class MergeVLAPolicy(StatelessPolicy):
             network = self._network(checkpoints)
             self.spec = policy_spec(network.model.architecture, network.statistics.arms)
             return
-        cards = {task: CheckpointMetadata.read(folder) for task, folder in checkpoints.items()}
-        specs = {task: policy_spec(card.architecture, card.statistics.arms) for task, card in cards.items()}
-        numbers = {spec.action_dim for spec in specs.values()}
-        first, spec_of_first = next(iter(specs.items()))
-        self.spec = replace(spec_of_first, action_dim=numbers.pop() if len(numbers) == 1 else None)
-        for task, spec in specs.items():
-            if replace(spec, action_dim=self.spec.action_dim) != self.spec:
-                raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
-        self.spec = replace(self.spec, tasks=frozenset(checkpoints), variants=True)
+        self.spec = experts_spec({task: CheckpointMetadata.read(folder) for task, folder in checkpoints.items()})
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Refuse episodes of a task without a checkpoint."""

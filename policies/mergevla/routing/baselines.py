@@ -9,6 +9,7 @@ from robogauntlet.adapters.catalog import original
 from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError, answer
+from robogauntlet.policies.mergevla.spec import ORACLE_ROUTER
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.plugins import did_you_mean
 
@@ -56,7 +57,7 @@ class InstructionMatchRouter(_WithoutPass):
 class OracleRouter(_WithoutPass):
     """Answers with the true task's expert: any loss of an oracle-routed policy is due to merging, not to routing."""
 
-    name = "oracle"
+    name = ORACLE_ROUTER
 
     def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order. Raises RoutingError if its task has no expert."""

@@ -7,18 +7,19 @@ import torch
 from safetensors.torch import load, save
 
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers, router
+from robogauntlet.policies.mergevla.routing.catalog import NAMES, UNFITTED, fit_routers, router
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec, Pooling, features_of, labelled_features
 from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit, fit
+from robogauntlet.policies.mergevla.spec import UNFITTED_ROUTERS
 from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, frames, observation, observations
 
 FITTED = ("calibrated", "nearest-centroid")
 
 
 def test_the_catalog_has_every_router():
-    unfitted = {"delta-energy", "paper-coded", "paper-written", "random", "instruction-match", "oracle"}
-    assert set(NAMES) == {*unfitted, "self-trained", *FITTED}
+    assert set(UNFITTED) == set(UNFITTED_ROUTERS)
+    assert set(NAMES) == {*UNFITTED_ROUTERS, "self-trained", *FITTED}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,46 @@
+"""What MergeVLA's policies need and produce, from the metadata of checkpoints. Light: no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+from robogauntlet.adapters.contract import ACTION_DIM
+from robogauntlet.policies.contract import PolicyInput, PolicyMismatch, PolicySpec
+from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet.policies.mergevla.network.config import Architecture
+
+ORACLE_ROUTER = "oracle"
+"""The router that is given the true task."""
+UNFITTED_ROUTERS = (ORACLE_ROUTER, "delta-energy", "instruction-match", "paper-coded", "paper-written", "random")
+"""Routers that any checkpoint has: the keys of `routing.catalog.UNFITTED`."""
+
+
+def policy_spec(architecture: Architecture, arms: Collection[int]) -> PolicySpec:
+    """Return the spec of a policy of this architecture that was trained in tasks of these numbers of arms."""
+    return PolicySpec(
+        PolicyInput.OBSERVATION,
+        chunk_length=architecture.chunk_length,
+        action_dim=None if len(arms) > 1 else ACTION_DIM * max(arms),
+        cameras=architecture.cameras,
+        image_size=architecture.image_size,
+    )
+
+
+def experts_spec(experts: Mapping[str, CheckpointMetadata]) -> PolicySpec:
+    """Return the spec of a policy that has an expert for each of these tasks.
+
+    Raises PolicyMismatch if their architectures differ.
+    """
+    first, metadata = next(iter(experts.items()))
+    for task, other in experts.items():
+        if other.architecture != metadata.architecture:
+            raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
+    arms = {number for one in experts.values() for number in one.statistics.arms}
+    return replace(policy_spec(metadata.architecture, arms), tasks=frozenset(experts), variants=True)
+
+
+def merged_spec(architecture: Architecture, arms: Collection[int], tasks: Collection[str], router: str) -> PolicySpec:
+    """Return the spec of a merged policy, which acts in its experts' tasks only if it is given the true task."""
+    spec = policy_spec(architecture, arms)
+    return replace(spec, tasks=frozenset(tasks), variants=True) if router == ORACLE_ROUTER else spec
