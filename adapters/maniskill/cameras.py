@@ -70,3 +70,16 @@ class ManiSkillCameras:
         """Return SAPIEN's camera behind that of ManiSkill."""
         scene = self._env.scene
         return (scene.human_render_cameras if name == PICTURE else scene.sensors)[name].camera._render_cameras[0]
+
+
+def omit_reflections(env: Any) -> None:
+    """Replace the table of reflections that SAPIEN computes for the first image, in 6 s without a GPU.
+
+    Shaders multiply it by the light of the environment map. These scenes have none, so the table changes no pixel.
+    Cameras lose it when they move to another scene.
+    """
+    import sapien
+
+    table = sapien.render.RenderTexture(np.zeros((1, 1, 4), np.uint8), 2, "R8G8B8A8Unorm")
+    for camera in env.scene.sub_scenes[0].render_system.cameras:
+        camera.set_texture("BRDFLUT", table)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from robogauntlet.adapters.maniskill.cameras import omit_reflections
 from robogauntlet.adapters.scene_control import DynamicsFactors
 
 
@@ -76,6 +77,7 @@ def renew_physics(env: Any) -> None:
     for entity in entities:
         new.add_entity(entity)
     env.scene.sub_scenes[0], env.scene.px = new, physics
+    omit_reflections(env)
 
 
 def wake(entities: Iterable[Any]) -> None:

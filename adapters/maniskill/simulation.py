@@ -91,7 +91,6 @@ class ManiSkillSimulation(BaseSimulation):
         """Start the episode of `seed`, in a new PhysX scene."""
         self.scene_controls.undo()
         renew_physics(self._env)
-        _omit_reflections(self._env)
         self._env.reset(seed=seed)
         wake(self._objects.values())
 
@@ -266,19 +265,6 @@ def _keep_renderer(device: Any) -> None:
 
     if device.name not in _RENDERERS:
         _RENDERERS[device.name] = sapien.render.RenderSystem(device)
-
-
-def _omit_reflections(env: Any) -> None:
-    """Replace the table of reflections that SAPIEN computes for the first image, in 6 s without a GPU.
-
-    Shaders multiply it by the light of the environment map. These scenes have none, so the table changes no pixel.
-    Cameras lose it when they move to another scene.
-    """
-    import sapien
-
-    table = sapien.render.RenderTexture(np.zeros((1, 1, 4), np.uint8), 2, "R8G8B8A8Unorm")
-    for camera in env.scene.sub_scenes[0].render_system.cameras:
-        camera.set_texture("BRDFLUT", table)
 
 
 def _device_name(summary: str) -> str:

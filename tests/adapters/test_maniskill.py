@@ -204,9 +204,22 @@ def test_the_renderer_of_a_gpu_is_made_for_the_device_itself(monkeypatch):
 
 
 @pytest.mark.simulator
+def test_a_placed_arm_leaves_the_cameras_without_the_table_of_reflections(push, monkeypatch):
+    push.reset(0)
+    scenes = []
+    monkeypatch.setattr(
+        "robogauntlet.adapters.maniskill.dynamics.omit_reflections",
+        lambda env: scenes.append(env.scene.sub_scenes[0]),
+    )
+    state = push.privileged_state()
+    push.scene_controls.arm.place_tool(state["tcp_position"] + [0.03, 0.05, 0.03], state["tcp_quaternion"])
+    assert scenes == [push._env.scene.sub_scenes[0]]
+
+
+@pytest.mark.simulator
 def test_the_table_of_reflections_that_sapien_would_compute_changes_no_pixel(push, monkeypatch):
     push.reset(0)
-    monkeypatch.setattr("robogauntlet.adapters.maniskill.simulation._omit_reflections", bool)
+    monkeypatch.setattr("robogauntlet.adapters.maniskill.dynamics.omit_reflections", bool)
     with_table = SIMULATOR.open("PushCube-v1", View(image_size=96))
     with_table.reset(0)
     for name, image in with_table.observe().images.items():
