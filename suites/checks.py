@@ -67,7 +67,9 @@ def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
 
 
 def _check_robots(suite: Suite, names: Registry) -> Iterator[Mistake]:
-    tasks = [task for task in expand_tasks(suite.tasks, names.tasks) if task in names.tasks] if suite.robots else []
+    if not suite.robots:
+        return
+    tasks = [task for task in expand_tasks(suite.tasks, names.tasks) if task in names.tasks]
     known = robots_by_task(names.tasks)
     if named := [task for task in tasks if AT in task]:
         yield ("robots",), f"expected tasks that name no robot beside robots, got '{named[0]}'"

@@ -38,12 +38,13 @@ class SuiteSelection:
         count = suite.seeds.count if self.seeds is None else self.seeds
         if not 1 <= count <= suite.seeds.count:
             raise SelectionError(f"expected 1 to {suite.seeds.count} seeds, got {count}")
+        tasks = match_patterns("task", self.tasks, suite.tasks)
         merging = suite.merging if _within(suite.merging, names) else None
         compare = suite.compare if _within(suite.compare, names) else None
         return suite.model_copy(
             update={
                 "policies": tuple(policy for policy in suite.policies if policy.name in names),
-                "tasks": tuple(task for task in suite.tasks if task in match_patterns("task", self.tasks, suite.tasks)),
+                "tasks": tuple(task for task in suite.tasks if task in tasks),
                 "seeds": Seeds(start=suite.seeds.start, count=count),
                 "merging": merging,
                 "compare": compare,

@@ -164,9 +164,10 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
     check_operator(recipe.operator, recipe.options)
     first = next(iter(experts.by_name.values())).metadata
     check_blocks(recipe.only, first.architecture.language.layers)
-    known = {task: description.instruction for task, description in task_descriptions().items()}
-    known |= dict(instructions or {})
+    known, declared = dict(instructions or {}), task_descriptions()
     for task in chain.from_iterable(experts.tasks.values()):
+        if task not in known and task in declared:
+            known[task] = declared[task].instruction
         if task not in known:
             raise MergeError(f"expected an instruction for {task}: no simulator here has the task, and none was given")
     trunks, heads = _splits(experts, recipe)
