@@ -26,6 +26,7 @@ LONG = (
     *(
         "ablations",
         "clusters_found",
+        "command_start",
         "coverage",
         "crowd",
         "dashboard",

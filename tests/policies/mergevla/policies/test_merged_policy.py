@@ -83,14 +83,19 @@ def test_the_entry_point_names_the_kind(kind):
     assert metadata.EntryPoint(kind.name, place, "robogauntlet.policies").load() is kind
 
 
-def test_declaring_the_kinds_and_hashing_import_no_torch(folders, merged):
+def test_declaring_the_kinds_hashing_and_what_they_need_import_no_torch(folders, merged):
     program = (
         "import sys; from robogauntlet.policies.mergevla.kinds import EXPERTS, KIND, MERGED; "
-        f"KIND.digest({{'checkpoint': {str(folders[0])!r}}}); "
-        f"EXPERTS.digest({{'folder': {str(folders[0].parent)!r}}}); MERGED.digest({{'checkpoint': {str(merged)!r}}}); "
+        "kinds = zip((KIND, EXPERTS, MERGED), ('checkpoint', 'folder', 'checkpoint'), sys.argv[1:]); "
+        "[(kind.digest({name: place}), kind.spec({name: place})) for kind, name, place in kinds]; "
         "assert not {'torch', 'transformers', 'peft', 'safetensors', 'sklearn'} & sys.modules.keys()"
     )
-    subprocess.run([sys.executable, "-c", program], check=True)
+    subprocess.run([sys.executable, "-c", program, folders[0], folders[0].parent, merged], check=True)
+
+
+def test_what_a_policy_needs_is_known_without_loading_it(kind_and_options):
+    kind, options = kind_and_options
+    assert kind.spec(options) == kind.load(options).spec
 
 
 def test_actions_do_not_depend_on_the_batch_or_its_order(kind_and_options):
