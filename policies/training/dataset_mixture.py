@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics, padded
 from robogauntlet.policies.training.dataset import Batch, Demonstrations, open_datasets, pooled_hash
-from robogauntlet.policies.training.lerobot_format import DatasetError
+from robogauntlet.policies.training.lerobot_format import DatasetError, Floats
 
 HELD_OUT_EVERY = 10
 """The last of every ten episodes is held out."""
@@ -171,9 +171,15 @@ def _joined(parts: Sequence[Batch]) -> Batch:
         return parts[0]
     return Batch(
         {camera: np.concatenate([part.images[camera] for part in parts]) for camera in parts[0].images},
-        np.concatenate([padded(part.states, max(part.states.shape[-1] for part in parts)) for part in parts]),
-        np.concatenate([padded(part.actions, max(part.actions.shape[-1] for part in parts)) for part in parts]),
+        _stacked([part.states for part in parts]),
+        _stacked([part.actions for part in parts]),
         np.concatenate([part.mask for part in parts]),
         tuple(instruction for part in parts for instruction in part.instructions),
         tuple(task for part in parts for task in part.tasks),
     )
+
+
+def _stacked(parts: Sequence[Floats]) -> Floats:
+    """Concatenate numbers of tasks of one arm and of two along the first axis, with zeros for an arm that is not there."""
+    widest = max(part.shape[-1] for part in parts)
+    return np.concatenate([padded(part, widest) for part in parts])
