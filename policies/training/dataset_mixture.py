@@ -180,6 +180,6 @@ def _joined(parts: Sequence[Batch]) -> Batch:
 
 
 def _stacked(parts: Sequence[Floats]) -> Floats:
-    """Concatenate numbers of tasks of one arm and of two along the first axis, with zeros for an arm that is not there."""
+    """Concatenate numbers of tasks of one arm and of two, with zeros for an arm that is not there."""
     widest = max(part.shape[-1] for part in parts)
     return np.concatenate([padded(part, widest) for part in parts])
