@@ -7,7 +7,7 @@ and two of the zoo. What is finished in the folder is kept, so that the same com
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -120,9 +120,9 @@ def rows_of(frame: pd.DataFrame, settings: Mapping[str, Sequence[str]] = SETTING
     return rows
 
 
-def merges_of(folder: Path, setting: str, experts: Mapping[str, Path]) -> dict[str, Path]:
-    """Merge the experts in every way, unless that is done: names to checkpoints."""
-    merges = {way: folder / "merges" / setting / way for way in MERGES}
+def merges_of(folder: Path, setting: str, experts: Mapping[str, Path], ways: Iterable[str] = MERGES) -> dict[str, Path]:
+    """Merge the experts in these ways, unless that is done: names to checkpoints."""
+    merges = {way: folder / "merges" / setting / way for way in ways}
     shown = [folder / "demonstrations" / task.replace("/", "__") for task in experts]
     for way, out in merges.items():
         if not out.exists():

@@ -20,6 +20,8 @@ TASKS = (
     *("robosuite/TwoArmLift@TwoPandas", "maniskill/TwoRobotPickCube-v1@TwoPandas"),
     *("robosuite/Lift", "maniskill/PickCube-v1"),
 )
+WAYS = ("none-4", "magnitude-2", "ties-s", "naive-mean")
+ROUTED = ("magnitude-2-calibrated", "magnitude-2-self-trained")
 SETTING = "two arms beside one"
 SEEDS = 50
 
@@ -28,10 +30,12 @@ def measure() -> list[dict[str, object]]:
     """A row for each policy; writes the episodes beside the rows."""
     folder = Path(os.environ.get("TWO_ARMS", "runs/two-arms")).absolute()
     found = expert_folders(folder / "experts")
-    merges = arms.merges_of(folder, "all", {task: found[task] for task in TASKS})
+    merges = arms.merges_of(folder, "all", {task: found[task] for task in TASKS}, WAYS)
     policies = {"experts": {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}
     policies |= {way: merged_policy(out) for way, out in merges.items()}
-    policies |= {name: merged_policy(merges[way], router) for name, (way, router) in arms.ROUTED.items()}
+    for name in ROUTED:
+        way, router = arms.ROUTED[name]
+        policies[name] = merged_policy(merges[way], router)
     frame = play_policies(folder, "two-arms", policies, TASKS, SEEDS, arms.EPISODE)
     write_episodes("two_arms", frame, ("policy", "task", "seed"))
     rows = rows_of(frame)
