@@ -62,7 +62,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
         ("training_controls.sh", 298),
         ("varied_experts.sh", 5),
         ("arms.sh", 14),
-        ("two_arms.sh", 9),
+        ("two_arms.sh", 10),
         ("meta_world.sh", 40),
         ("libero.sh", 55),
     ],

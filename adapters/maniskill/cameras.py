@@ -1,4 +1,4 @@
-"""Moves the cameras of ManiSkill's scenes."""
+"""Moves the cameras of ManiSkill's scenes, and keeps SAPIEN from computing a table for them."""
 
 from __future__ import annotations
 

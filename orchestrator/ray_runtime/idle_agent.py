@@ -25,7 +25,7 @@ def name_ports(folder: Path, node: str) -> None:
 
 if __name__ == "__main__":
     options = dict(word.split("=", 1) for word in sys.argv[1:] if word.startswith("--") and "=" in word)
-    ray = os.getppid()
+    ray = int(os.environ["RAY_RAYLET_PID"])  # the parent may have died already
     name_ports(Path(options["--session-dir"]), options["--node-id"])
     while os.getppid() == ray:
         time.sleep(CHECK_S)

@@ -15,6 +15,8 @@ UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
 _INTERPRETER = "_build_python_executable_command_memory_profileable"
 """Returns the first words of the command of a part that is written in Python."""
 _AGENT = "dashboard_agent"
+_VERSION = "2.60."
+"""The version of Ray whose agent can be replaced: others may wait for something else."""
 
 
 @contextlib.contextmanager
@@ -23,6 +25,8 @@ def without_unused_parts() -> Iterator[None]:
 
     Where Ray's dashboard is installed, it has its agent and its server, which the agent would look for every second.
     """
+    import ray
+
     node, missing = private("node", "Node"), private("utils", "get_dashboard_dependency_error")
     has_dashboard = missing is None or missing() is None
     unused = UNUSED[:-1] if has_dashboard else UNUSED
@@ -31,7 +35,7 @@ def without_unused_parts() -> Iterator[None]:
             stack.enter_context(_replaced(node, name, lambda *_, **__: None))
         services = importlib.import_module("ray._private.services")
         interpreter = getattr(services, _INTERPRETER, None)
-        if interpreter is not None and not has_dashboard:
+        if interpreter is not None and not has_dashboard and ray.__version__.startswith(_VERSION):
 
             def command(part: str, *arguments: Any, **options: Any) -> list[str]:
                 if part == _AGENT:

@@ -112,7 +112,7 @@ def find_suite(name: str) -> Path:
 
 
 class _DeclaredTasks(Mapping[str, KnownTask]):
-    """The tasks of all simulators, each described when it is first looked up: LIBERO-Plus has 10,030."""
+    """The tasks of all simulators, each described when it is looked up: LIBERO-Plus has 10,030."""
 
     def __getitem__(self, task: str) -> KnownTask:
         description = simulators.task_descriptions()[task]

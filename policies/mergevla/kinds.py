@@ -29,8 +29,8 @@ from robogauntlet.policies.mergevla.options import (
     needs_packages,
     text_option,
 )
-from robogauntlet.policies.mergevla.spec import UNFITTED_ROUTERS, experts_spec, merged_spec, policy_spec
-from robogauntlet.policies.zoo import shipped
+from robogauntlet.policies.mergevla.spec import UNFITTED_ROUTERS, experts_spec, merged_spec
+from robogauntlet.policies.zoo import SCHEME, shipped
 from robogauntlet.suites.episode import content_hash
 
 
@@ -53,12 +53,6 @@ def _load(options: Mapping[str, Any]) -> Policy:
     with needs_packages(NAME):
         from robogauntlet.policies.mergevla.policies.single_policy import MergeVLAPolicy
     return MergeVLAPolicy(locate(reference), device=device)
-
-
-def _spec(options: Mapping[str, Any]) -> PolicySpec:
-    check_packages(NAME)
-    metadata = CheckpointMetadata.read(locate(_checkpoint(options)))
-    return policy_spec(metadata.architecture, metadata.statistics.arms)
 
 
 def _files(options: Mapping[str, Any]) -> PolicyFiles:
@@ -108,12 +102,12 @@ def _load_merged(options: Mapping[str, Any]) -> Policy:
 def _merged_spec(options: Mapping[str, Any]) -> PolicySpec:
     chosen = merged_options(options)
     check_packages(MERGED_NAME)
-    if chosen.recipe is None:
+    if chosen.checkpoint.startswith(SCHEME) and chosen.recipe is None:  # a checkpoint of others is loaded, to check it
         metadata = MergedMetadata.read(locate(chosen.checkpoint))
         if chosen.router in (*UNFITTED_ROUTERS, *metadata.routers):
             return merged_spec(metadata.architecture, metadata.statistics.arms, metadata.instructions, chosen.router)
-    from robogauntlet.policies.mergevla.policies.merged_policy import checked_spec
-
+    with needs_packages(MERGED_NAME):
+        from robogauntlet.policies.mergevla.policies.merged_policy import checked_spec
     return checked_spec(chosen)
 
 
@@ -145,7 +139,7 @@ KIND = PolicyKind(
     summary="a vision-language-action network from a checkpoint (arXiv 2511.18810)",
     load=_load,
     digest=_digest,
-    spec=_spec,
+    spec=lambda options: _load({**options, "device": CPU}).spec,
     options={"checkpoint": "folder or hub id of the checkpoint", "device": DEVICE_MEANING},
     files=_files,
 )

@@ -27,6 +27,7 @@ ROUTER = "calibrated"
 
 
 PACKAGES = ("torch", "transformers", "peft", "accelerate", "safetensors")
+"""Modules that the networks import, of the extra `mergevla`."""
 CPU = "cpu"
 DEVICE_MEANING = "cpu, cuda or cuda:N; by default cpu"
 

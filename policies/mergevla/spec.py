@@ -30,14 +30,17 @@ def policy_spec(architecture: Architecture, arms: Collection[int]) -> PolicySpec
 def experts_spec(experts: Mapping[str, CheckpointMetadata]) -> PolicySpec:
     """Return the spec of a policy that has an expert for each of these tasks.
 
-    Raises PolicyMismatch if their architectures differ.
+    Raises PolicyMismatch if they differ in chunk length, cameras or image size.
     """
-    first, metadata = next(iter(experts.items()))
-    for task, other in experts.items():
-        if other.architecture != metadata.architecture:
-            raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
     arms = {number for one in experts.values() for number in one.statistics.arms}
-    return replace(policy_spec(metadata.architecture, arms), tasks=frozenset(experts), variants=True)
+    specs = {task: policy_spec(one.architecture, arms) for task, one in experts.items()}
+    first, spec = next(iter(specs.items()))
+    for task, other in specs.items():
+        if other != spec:
+            raise PolicyMismatch(
+                f"expected experts with one chunk length, cameras and image size, got others for {first} and {task}"
+            )
+    return replace(spec, tasks=frozenset(experts), variants=True)
 
 
 def merged_spec(architecture: Architecture, arms: Collection[int], tasks: Collection[str], router: str) -> PolicySpec:

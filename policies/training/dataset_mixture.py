@@ -38,7 +38,7 @@ class DatasetMixture:
     def __init__(self, datasets: Sequence[Demonstrations]) -> None:
         """Split each dataset into training and held-out episodes.
 
-        Raises DatasetError without datasets, or if they differ in cameras or image size.
+        Raises DatasetError without datasets, or if they differ in cameras or image size, or a task in its arms.
         """
         if not datasets:
             raise DatasetError("expected at least one dataset, got none")
@@ -46,7 +46,13 @@ class DatasetMixture:
         self.cameras, self.image_size = datasets[0].spec.cameras, datasets[0].spec.image_size
         self.arms = max(dataset.spec.arms for dataset in datasets)
         """Arms of the task that has most; `padded` gives the others' batches as many numbers."""
+        arms: dict[str, int] = {}
         for dataset in datasets:
+            if (expected := arms.setdefault(dataset.task, dataset.spec.arms)) != dataset.spec.arms:
+                raise DatasetError(
+                    f"{dataset.folder}: expected {expected} arms, as in another dataset of {dataset.task}, "
+                    f"got {dataset.spec.arms}"
+                )
             if (set(dataset.spec.cameras), dataset.spec.image_size) != (set(self.cameras), self.image_size):
                 raise DatasetError(
                     f"{dataset.folder}: expected {self.image_size} px images of {', '.join(self.cameras)} as in "

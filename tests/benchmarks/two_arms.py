@@ -18,7 +18,7 @@ from tests.benchmarks.shared import merged_policy, play_policies, table_of
 
 TASKS = (
     *("robosuite/TwoArmLift@TwoPandas", "maniskill/TwoRobotPickCube-v1@TwoPandas"),
-    *("robosuite/Lift", "maniskill/PickCube-v1"),
+    *("robosuite/Lift", "maniskill/PushCube-v1"),
 )
 WAYS = ("none-4", "magnitude-2", "ties-s", "naive-mean")
 ROUTED = ("magnitude-2-calibrated", "magnitude-2-self-trained")

@@ -16,6 +16,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import (
     StoredMetadata,
     base_folder,
     check_action_steps,
+    check_statistics,
     locate,
 )
 from robogauntlet.policies.mergevla.merging.recipe import Recipe
@@ -82,6 +83,7 @@ class MergedMetadata(StoredMetadata):
                 raise CheckpointError(f"expected statistics and the {what}, {odd[0]} has one of them only")
         for steps in self.action_steps.values():
             check_action_steps(steps, self.architecture)
+        check_statistics(self.statistics, self.architecture)
 
     @property
     def experts(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import field
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, ClassVar, Self
 from pydantic import StrictInt
 from pydantic.dataclasses import dataclass
 
+from robogauntlet.adapters.contract import ACTION_DIM
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.hub import OnHub, check_download
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
@@ -71,13 +72,11 @@ class StoredMetadata(Stored):
     @classmethod
     def read(cls, folder: Path) -> Self:
         """Read the metadata of the checkpoint in `folder`. Raises PolicyError if they are missing or malformed."""
+        plain = read_metadata_file(folder)
         try:
-            found = (folder / METADATA_FILE).stat()
-            state = (found.st_mtime_ns, found.st_size, found.st_ino)
-        except OSError:
-            state = None
-        metadata: Self = _read(cls.from_json, folder, state)
-        return metadata
+            return cls.from_json(plain)
+        except PolicyError as error:
+            raise type(error)(f"'{folder}': {error}") from None
 
     @classmethod
     def verified(cls, folder: Path) -> Self:
@@ -96,16 +95,6 @@ class StoredMetadata(Stored):
             _check_hash(base, metadata.base_hash or "")
             _check_hash(base, base_metadata.tensor_hash)
         return metadata
-
-
-@lru_cache(maxsize=256)
-def _read(parse: Callable[[dict[str, Any]], Any], folder: Path, state: tuple[int, int, int] | None) -> Any:
-    """Read metadata, cached until the file's state changes: a suite may name the same experts in 200 policies."""
-    plain = read_metadata_file(folder)
-    try:
-        return parse(plain)
-    except PolicyError as error:
-        raise type(error)(f"'{folder}': {error}") from None
 
 
 def _described(kind: str | None) -> str:
@@ -140,6 +129,7 @@ class CheckpointMetadata(StoredMetadata):
 
     def __post_init__(self) -> None:
         check_action_steps(self.action_steps, self.architecture)
+        check_statistics(self.statistics, self.architecture)
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -219,6 +209,14 @@ def check_action_steps(steps: int | None, architecture: Architecture) -> None:
     if steps is not None and not 1 <= steps <= architecture.chunk_length:
         raise CheckpointError(
             f"expected 1 to {architecture.chunk_length} action steps, the length of a chunk, got {steps}"
+        )
+
+
+def check_statistics(statistics: TaskStatistics, architecture: Architecture) -> None:
+    """Raise CheckpointError if statistics are of more arms than the architecture has."""
+    if (numbers := ACTION_DIM * max(statistics.arms)) > architecture.action_dim:
+        raise CheckpointError(
+            f"expected statistics of actions of {architecture.action_dim} numbers, as the network's, got of {numbers}"
         )
 
 

@@ -193,7 +193,9 @@ class TaskStatistics(Stored):
         tasks of one arm and of two.
         """
         if len(self.arms) > 1:
-            raise StatisticsError(f"expert of several tasks: expected one number of arms, got 1 and 2 in {name}")
+            raise StatisticsError(
+                f"expected tasks of one number of arms for expert '{name}', got 1 and 2; train an expert of each"
+            )
         every = self.by_task.values()
         action = Quantiles.spanning([one.action for one in every])
         action = action.widened(LEAST_SPAN * arms_in(action))

@@ -31,7 +31,7 @@ class FirstObservation:
     """Shape (cameras, 3, H, W), in [0, 1]."""
     instruction: str
     proprioception: FloatArray
-    """Shape (8,), in the units of `robogauntlet.adapters.contract`."""
+    """Shape (8 * arms,), in the units of `robogauntlet.adapters.contract`."""
     episode_id: str
     """Key of all randomness."""
     task: str

@@ -9,8 +9,9 @@ import psutil
 from robogauntlet.orchestrator.ray_runtime import idle_agent
 
 RAY = """
-import subprocess, sys, time
-agent = subprocess.Popen([sys.executable, "-I", "-S", *sys.argv[1:]])
+import os, subprocess, sys
+environment = {**os.environ, "RAY_RAYLET_PID": str(os.getpid())}
+agent = subprocess.Popen([sys.executable, "-I", "-S", *sys.argv[1:]], env=environment)
 print(agent.pid, flush=True)
 input()
 """

@@ -65,6 +65,14 @@ def test_demonstrations_of_two_arms_are_read_back_and_mixed_with_those_of_one(tm
     assert batch.actions[~of_one, 0, 7:].all()
 
 
+def test_a_task_has_one_number_of_arms(tmp_path):
+    write(tmp_path / "one", [recording()])
+    write(tmp_path / "two", [recording(states=np.ones((12, 16)), actions=np.zeros((12, 14)))])
+    datasets = [Demonstrations(tmp_path / name) for name in ("one", "two")]
+    with one_line_error(DatasetError, "two: expected 1 arms, as in another dataset of null/Reach, got 2"):
+        DatasetMixture(datasets)
+
+
 def test_a_chunk_ends_with_its_episode(dataset, recordings):
     batch = dataset.batch(np.array([0, 3, 5]))
     assert batch.actions.shape == (3, 8, 7)

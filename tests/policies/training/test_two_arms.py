@@ -12,14 +12,20 @@ from robogauntlet.policies.contract import Query
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointError
 from robogauntlet.policies.mergevla.merging.recipe import Recipe
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
+from robogauntlet.policies.mergevla.policies.merged_policy import MergedPolicy
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation
+from robogauntlet.policies.mergevla.routing.deltas import agreement
 from robogauntlet.policies.training.batch_loss import BatchLoss
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
 from robogauntlet.policies.training.finetune import finetune, pretrain
 from robogauntlet.policies.training.training_checkpoint import TrainingError
 from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, Episode, Protocol
 from tests.errors import one_line_error
+from tests.policies.mergevla.policies.test_merged_policy import Fixed
 from tests.policies.mergevla.shared import SMALL
 from tests.policies.training.synthetic import write
 from tests.policies.training.test_finetune import LORA, QUICK, dataset, episode
@@ -59,9 +65,15 @@ def test_an_expert_acts_with_the_numbers_of_its_task(trained):
         assert numbers(policy, [query(task, arms)]) == [7 * arms]
 
 
-def test_the_base_experts_by_task_and_their_merge_act_in_both(trained):
-    merged = merge_experts(read_experts((trained / "experts").iterdir()), Recipe(), {ONE: "reach", TWO: "reach"})
-    save_merged(trained / "merged", merged, {})
+@pytest.fixture(scope="module")
+def merged(trained):
+    """The merge of both experts, saved in `merged`."""
+    made = merge_experts(read_experts((trained / "experts").iterdir()), Recipe(), {ONE: "reach", TWO: "reach"})
+    save_merged(trained / "merged", made, {})
+    return made.parts
+
+
+def test_the_base_experts_by_task_and_their_merge_act_in_both(trained, merged):
     for kind, options in (
         ("mergevla", {"checkpoint": str(trained / "base")}),
         ("mergevla-experts", {"folder": str(trained / "experts")}),
@@ -70,6 +82,23 @@ def test_the_base_experts_by_task_and_their_merge_act_in_both(trained):
         policy = catalog.load(kind, options)
         assert policy.spec.action_dim is None
         assert numbers(policy, [query(ONE, 1), query(TWO, 2)]) == [7, 14]
+
+
+@pytest.mark.parametrize(("chosen", "task", "arms"), [(TWO, ONE, 1), (ONE, TWO, 2)])
+def test_an_expert_of_other_arms_answers_with_the_numbers_of_the_task(merged, chosen, task, arms):
+    policy = MergedPolicy(MergedModel(merged), Fixed(chosen))
+    (decision,) = policy.act([query(task, arms)])
+    assert decision.actions.shape[1] == 7 * arms
+    assert not decision.actions[:, 7:].any(), "the second arm does not move"
+
+
+def test_agreement_counts_the_numbers_that_an_expert_has(merged):
+    model = MergedModel(merged)
+    shown = [FirstObservation(torch.zeros(2, 3, 16, 16), "reach", np.zeros(8 * n), str(n), ONE) for n in (1, 2)]
+    before = agreement(model, shown)
+    with torch.no_grad():
+        model.model(ONE).action_expert.output.bias[7:] += 1.0  # never trained, and not used
+    assert torch.equal(agreement(model, shown), before)
 
 
 def test_the_second_arm_of_a_task_of_one_has_no_loss(trained):
@@ -90,3 +119,9 @@ def test_demonstrations_of_two_arms_do_not_fit_a_base_of_one(trained, tmp_path):
     two = DatasetMixture.open([trained / "Two"])
     with one_line_error(TrainingError, "expected actions of 7 numbers, as the base's, the data has 14"):
         finetune(two, tmp_path / "base", tmp_path / "expert", QUICK, lora=LORA)
+
+
+def test_statistics_of_more_arms_than_the_network_has_are_refused(trained):
+    metadata = load_checkpoint(trained / "experts" / "Two").metadata
+    with one_line_error(CheckpointError, "expected statistics of actions of 7 numbers, as the network's, got of 14"):
+        replace(metadata, architecture=metadata.architecture.with_arms(1))

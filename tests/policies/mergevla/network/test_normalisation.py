@@ -116,5 +116,7 @@ def test_in_a_network_of_two_arms_a_task_of_one_has_the_first_numbers_and_zeros_
 
 def test_an_expert_of_several_tasks_has_one_number_of_arms():
     statistics = TaskStatistics({"a/one": some_statistics(), "a/two": Statistics.of(np.eye(14), np.eye(16))})
-    with one_line_error(StatisticsError, "expected one number of arms, got 1 and 2 in both"):
+    with one_line_error(
+        StatisticsError, "expected tasks of one number of arms for expert 'both', got 1 and 2; train an expert of each"
+    ):
         statistics.together("both")

@@ -83,16 +83,18 @@ def test_the_entry_point_names_the_kind(kind):
     assert metadata.EntryPoint(kind.name, place, "robogauntlet.policies").load() is kind
 
 
-def test_declaring_the_kinds_hashing_and_what_they_need_import_no_torch(folders, merged):
+def test_hashing_the_kinds_and_planning_with_the_zoo_import_no_torch(folders, merged):
     program = (
         "import sys; from robogauntlet.policies.mergevla.kinds import EXPERTS, KIND, MERGED; "
         "kinds = zip((KIND, EXPERTS, MERGED), ('checkpoint', 'folder', 'checkpoint'), sys.argv[1:]); "
-        "[(kind.digest({name: place}), kind.spec({name: place})) for kind, name, place in kinds]; "
+        "[kind.digest({name: place}) for kind, name, place in kinds]; EXPERTS.spec({'folder': sys.argv[2]}); "
+        "from robogauntlet.orchestrator.runs.plan import find_suite, make_plan; make_plan(find_suite('mergevla')); "
         "assert not {'torch', 'transformers', 'peft', 'safetensors', 'sklearn'} & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", program, folders[0], folders[0].parent, merged], check=True)
 
 
+@pytest.mark.parametrize("kind_and_options", ["single", "experts", "merged", "oracle-routed"], indirect=True)
 def test_what_a_policy_needs_is_known_without_loading_it(kind_and_options):
     kind, options = kind_and_options
     assert kind.spec(options) == kind.load(options).spec
@@ -381,3 +383,10 @@ def test_missing_packages_are_one_line(kind, folders, merged, monkeypatch):
     options = {"folder": str(folders[0].parent), "checkpoint": str(merged)}
     message = rf"policy '{kind.name}': not installed .*; install it: pip install .robogauntlet\[mergevla\]"
     refused(kind, options, message)
+
+
+@pytest.mark.parametrize("kind", [EXPERTS, MERGED])
+def test_so_are_they_before_anything_is_loaded(kind, folders, merged, monkeypatch):
+    monkeypatch.setattr("robogauntlet.policies.mergevla.options.find_spec", lambda name: None)
+    with one_line_error(PolicyError, rf"policy '{kind.name}': not installed \(no module torch\)"):
+        kind.spec({"folder": str(folders[0].parent), "checkpoint": str(merged)})
