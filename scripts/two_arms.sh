@@ -16,10 +16,10 @@ robosuite/TwoArmLift@TwoPandas 0.1
 maniskill/PickCube-v1 0.02
 robosuite/Lift 0.1"
 # Task, steps of its expert's training, further options: the longest first, so that both processes end together.
-EXPERTS="maniskill/TwoRobotPickCube-v1@TwoPandas 9000 --adapt-convolutions
-robosuite/TwoArmLift@TwoPandas 6000
-robosuite/Lift 1500
-maniskill/PushCube-v1 1500"
+EXPERTS="maniskill/TwoRobotPickCube-v1@TwoPandas 9000 --adapt-convolutions --action-steps 1
+robosuite/TwoArmLift@TwoPandas 6000 --action-steps 4
+robosuite/Lift 1500 --action-steps 4
+maniskill/PushCube-v1 1500 --action-steps 4"
 export OMP_NUM_THREADS=1
 
 demonstrate() {
@@ -32,7 +32,7 @@ expert() {
     shift 2
     [ -e "$FOLDER/experts/$name/card.json" ] ||
         "$ROBOGAUNTLET" policies finetune "$DATA/$name" --base "$FOLDER/base" --out "$FOLDER/experts/$name" \
-            --steps "$(few "$steps")" --learning-rate 1e-3 --shift 2 --action-steps 4 "$@"
+            --steps "$(few "$steps")" --learning-rate 1e-3 --shift 2 "$@"
 }
 export -f demonstrate expert
 export FOLDER DATA ROBOGAUNTLET
