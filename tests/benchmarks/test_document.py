@@ -21,6 +21,7 @@ from tests.benchmarks import (
     oracles,
     shifted_routing,
     training_controls,
+    two_arms,
     varied_experts,
 )
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
@@ -337,6 +338,20 @@ def test_the_page_names_the_machines_that_played_the_controls():
 def test_the_table_of_arms_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "arms.json").read_text(encoding="utf-8"))["rows"]
     assert arms.rows_of(pd.read_parquet(MEASUREMENTS / "arms.parquet")) == rows
+
+
+def test_the_table_of_two_arms_counts_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "two_arms.json").read_text(encoding="utf-8"))["rows"]
+    assert two_arms.rows_of(pd.read_parquet(MEASUREMENTS / "two_arms.parquet")) == rows
+
+
+def test_what_the_page_says_of_two_arms_beside_the_table_is_counted_in_its_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "two_arms.parquet")
+    handed = rows[(rows.policy == "experts") & (rows.task == two_arms.TASKS[1])]
+    assert handed.status.value_counts().to_dict() == {"failure": 38, "success": 12}
+    assert (handed.failure == "misplaced").sum() == 33
+    unlabelled = rows[(rows.policy == "magnitude-2-self-trained") & (rows.task == two_arms.TASKS[3])]
+    assert (unlabelled.inferred_task == two_arms.TASKS[1]).sum() == 42
 
 
 def test_what_the_page_says_of_arms_beside_the_table_is_counted_in_its_rows():
