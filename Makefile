@@ -44,8 +44,8 @@ $(PLAYING): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25" "setuptools>=77" wheel
 	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e ".[simulators,mergevla]"
-	@# pip would compile every module, for a minute. These imports compile those that are used. The last two need
-	@# libraries for rendering, which may not be there yet.
+	@# pip would compile every module; these imports compile those that are used. The last two need libraries for
+	@# rendering, which may not be there yet.
 	@$(BIN)/python -c "import ray, torch, transformers, panda_gym, robosuite, mani_skill.envs" >/dev/null 2>&1 || true
 	@touch $@
 
