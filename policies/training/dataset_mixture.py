@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics, padded
+from robogauntlet.policies.training.augmentation import shift
 from robogauntlet.policies.training.dataset import Batch, Demonstrations, open_datasets, pooled_hash
 from robogauntlet.policies.training.lerobot_format import DatasetError, Floats
 
@@ -139,22 +139,6 @@ class DatasetMixture:
                 frames = all_frames[number % 2 == (part is HeldOut.SCORE)]
             for start in range(0, len(frames), size):
                 yield dataset.batch(frames[start : start + size], chunk_length=chunk_length)
-
-
-def shift(images: Image, offsets: NDArray[np.int64], largest: int) -> Image:
-    """Shift each image (b, h, w, 3) and repeat its border: pad and crop (arXiv 2004.13649).
-
-    `offsets` are the rows and columns (px) to move down and right, shape (b, 2), within -largest .. largest.
-    """
-    if largest == 0:
-        return images
-    height, width = images.shape[1:3]
-    padded = np.pad(images, ((0, 0), (largest, largest), (largest, largest), (0, 0)), mode="edge")
-    moved = np.empty_like(images)
-    for place, image, (down, right) in zip(moved, padded, offsets.tolist(), strict=True):
-        top, left = largest - down, largest - right
-        place[:] = image[top : top + height, left : left + width]
-    return moved
 
 
 def _episode_of(dataset: Demonstrations) -> NDArray[np.int64]:

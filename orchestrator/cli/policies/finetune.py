@@ -59,9 +59,10 @@ def finetune(
         from robogauntlet.policies.mergevla.network.config import LoraSettings
         from robogauntlet.policies.training import finetune as training
         from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+        from robogauntlet.policies.training.settings import Settings
 
     def train(listener: Callable[[TrainingStatus], None], stop: Callable[[], bool]) -> TrainingResult:
-        settings = training.Settings.from_json(
+        settings = Settings.from_json(
             {
                 "steps": steps,
                 "batch_size": batch_size,

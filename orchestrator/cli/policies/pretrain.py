@@ -50,13 +50,14 @@ def pretrain(
         from robogauntlet.policies.training import finetune as training
         from robogauntlet.policies.training.batch_loss import Objective
         from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+        from robogauntlet.policies.training.settings import Settings
 
     def train(listener: Callable[[TrainingStatus], None], stop: Callable[[], bool]) -> TrainingResult:
         known = {**SIZES, **CONTROLS}
         if size not in known:
             raise ArchitectureError(f"expected one of {', '.join(known)} for --size, got '{size}'")
         architecture = known[size]
-        settings = training.Settings.from_json(
+        settings = Settings.from_json(
             {
                 "steps": steps,
                 "batch_size": batch_size,

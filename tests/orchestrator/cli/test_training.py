@@ -10,7 +10,8 @@ from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, INPUT_ERRORS
 from robogauntlet.orchestrator.cli.policies.training_progress import run_training, stoppable
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
-from robogauntlet.policies.training.finetune import Settings, pretrain
+from robogauntlet.policies.training.finetune import pretrain
+from robogauntlet.policies.training.settings import Settings
 from tests.full_disk import full_disk
 from tests.policies.mergevla.shared import SMALL
 from tests.policies.training.test_finetune import dataset

@@ -17,7 +17,8 @@ from robogauntlet.policies.mergevla.network import config
 from robogauntlet.policies.mergevla.network.model import build
 from robogauntlet.policies.training.batch_loss import TEMPERATURE, Objective, contrastive_loss
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
-from robogauntlet.policies.training.finetune import Settings, pretrain
+from robogauntlet.policies.training.finetune import pretrain
+from robogauntlet.policies.training.settings import Settings
 from tests.policies.mergevla.shared import SMALL
 from tests.policies.training.test_finetune import dataset
 

@@ -16,12 +16,14 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, W
 from robogauntlet.policies.mergevla.network.config import LoraSettings, PaperCodeQuirks
 from robogauntlet.policies.mergevla.network.normalisation import Statistics
 from robogauntlet.policies.mergevla.policies.single_policy import load_network
+from robogauntlet.policies.training.augmentation import shift
 from robogauntlet.policies.training.batch_loss import Objective, masked_l1
 from robogauntlet.policies.training.dataset import Demonstrations
-from robogauntlet.policies.training.dataset_mixture import DatasetMixture, shift
-from robogauntlet.policies.training.finetune import Schedule, Settings, TrainingStatus, finetune, pretrain, rate_at
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.finetune import TrainingStatus, finetune, pretrain
 from robogauntlet.policies.training.lambda_selection import held_out_l1
 from robogauntlet.policies.training.lerobot_format import DatasetError
+from robogauntlet.policies.training.settings import Schedule, Settings, rate_at
 from robogauntlet.policies.training.training_checkpoint import (
     STATE_FILE,
     History,
