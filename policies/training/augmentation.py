@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import string
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import Image
+
+LETTERS = list(string.ascii_lowercase)
 
 
 def shift(images: Image, offsets: NDArray[np.int64], largest: int) -> Image:
@@ -22,3 +27,21 @@ def shift(images: Image, offsets: NDArray[np.int64], largest: int) -> Image:
         top, left = largest - down, largest - right
         place[:] = image[top : top + height, left : left + width]
     return moved
+
+
+def change_words(instructions: Sequence[str], generator: np.random.Generator, share: float) -> tuple[str, ...]:
+    """Leave out, replace or follow by another this share of the words, each as often; the others are random letters.
+
+    As J. Wei and K. Zou do (EDA, arXiv 1901.11196), without synonyms: evaluations have sentences of their own.
+    """
+    return tuple(" ".join(_changed(text.split(), generator, share)) for text in instructions)
+
+
+def _changed(words: Sequence[str], generator: np.random.Generator, share: float) -> list[str]:
+    result: list[str] = []
+    for word, drawn in zip(words, generator.random(len(words)).tolist(), strict=True):
+        if not share / 3 <= drawn < share:
+            result.append(word)
+        if drawn < 2 * share / 3:
+            result.append("".join(generator.choice(LETTERS, 5)))
+    return result

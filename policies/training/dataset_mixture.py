@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics, padded
-from robogauntlet.policies.training.augmentation import shift
+from robogauntlet.policies.training.augmentation import change_words, shift
 from robogauntlet.policies.training.dataset import Batch, Demonstrations, open_datasets, pooled_hash
 from robogauntlet.policies.training.lerobot_format import DatasetError, Floats
 
@@ -101,11 +101,20 @@ class DatasetMixture:
         """Hash of all numbers and pixels."""
         return pooled_hash(self.datasets)
 
-    def sample(self, size: int, *, seed: int, step: int, chunk_length: int, largest_shift: int = 0) -> Batch:
+    def sample(
+        self,
+        size: int,
+        *,
+        seed: int,
+        step: int,
+        chunk_length: int,
+        largest_shift: int = 0,
+        changed_words: float = 0.0,
+    ) -> Batch:
         """Draw a training batch with replacement: datasets uniformly, then their frames.
 
         The batch depends on the arguments alone, so a resumed training sees the same batches. Images are shifted by up
-        to `largest_shift` px, each camera on its own.
+        to `largest_shift` px, each camera on its own, and this share of the words is changed, see `augmentation`.
         """
         generator = np.random.default_rng([seed, step])
         which = np.sort(generator.integers(len(self.datasets), size=size))
@@ -116,15 +125,19 @@ class DatasetMixture:
                 chosen = frames[generator.integers(len(frames), size=wanted)]
                 parts.append(dataset.batch(chosen, chunk_length=chunk_length))
         batch = _joined(parts)
-        if largest_shift == 0:
-            return batch
-        images = {
-            camera: shift(
-                batch.images[camera], generator.integers(-largest_shift, largest_shift + 1, (size, 2)), largest_shift
-            )
-            for camera in sorted(batch.images)
-        }
-        return replace(batch, images=images)
+        if largest_shift:
+            images = {
+                camera: shift(
+                    batch.images[camera],
+                    generator.integers(-largest_shift, largest_shift + 1, (size, 2)),
+                    largest_shift,
+                )
+                for camera in sorted(batch.images)
+            }
+            batch = replace(batch, images=images)
+        if changed_words:
+            batch = replace(batch, instructions=change_words(batch.instructions, generator, changed_words))
+        return batch
 
     def held_out(
         self, size: int, *, chunk_length: int, task: str | None = None, part: HeldOut = HeldOut.ALL

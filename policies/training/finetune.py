@@ -291,6 +291,7 @@ def _step(
         step=step,
         chunk_length=model.architecture.chunk_length,
         largest_shift=settings.largest_shift,
+        changed_words=settings.changed_words,
     )
     with torch.random.fork_rng(devices=[]):  # the paper's noise in the initial tokens, where it is switched on
         torch.manual_seed(int(np.random.SeedSequence([settings.seed, step]).generate_state(1)[0]))
@@ -338,6 +339,7 @@ def _metrics(settings: Settings, mixture: DatasetMixture, history: History, obje
         "batch_size": settings.batch_size,
         "learning_rate": settings.learning_rate,
         "largest_shift": settings.largest_shift,
+        "changed_words": settings.changed_words,
         "frames": mixture.frames,
         f"train_{objective}": float(np.mean(history.losses[-RECENT:])),
         "seconds": round(history.seconds, 1),

@@ -51,6 +51,8 @@ class Settings(Stored):
     """Largest norm of the gradient."""
     largest_shift: Annotated[int, Field(ge=0, le=1024)] = 4
     """Augmentation: largest shift of an image (px)."""
+    changed_words: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Augmentation: share of an instruction's words that are left out, replaced or followed by another."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     evaluate_every: PositiveInt = 250
     """Steps between evaluations of the held-out episodes."""

@@ -43,7 +43,10 @@ def finetune(
         bool, typer.Option("--bfloat16", help="Store the weights in bfloat16, half the size of fp32.")
     ] = False,
     shift: Annotated[int, typer.Option(help="Largest random shift of the images (px).")] = 4,
-    seed: Annotated[int, typer.Option(help="Seed of adapters, batches and shifts.")] = 0,
+    change_words: Annotated[
+        float, typer.Option(help="Share of the instruction's words to leave out, replace or follow by another.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of adapters, batches, shifts and words.")] = 0,
     threads: Annotated[int, typer.Option(help="CPU threads.")] = 1,
 ) -> None:
     """Train an expert for one task, or for several, under the name of its folder.
@@ -69,6 +72,7 @@ def finetune(
                 "learning_rate": learning_rate,
                 "schedule": schedule,
                 "largest_shift": shift,
+                "changed_words": change_words,
                 "seed": seed,
                 "threads": threads,
             }

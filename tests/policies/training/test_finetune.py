@@ -16,7 +16,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, W
 from robogauntlet.policies.mergevla.network.config import LoraSettings, PaperCodeQuirks
 from robogauntlet.policies.mergevla.network.normalisation import Statistics
 from robogauntlet.policies.mergevla.policies.single_policy import load_network
-from robogauntlet.policies.training.augmentation import shift
+from robogauntlet.policies.training.augmentation import change_words, shift
 from robogauntlet.policies.training.batch_loss import Objective, masked_l1
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
@@ -295,6 +295,36 @@ def test_a_shift_moves_down_and_right_and_repeats_the_border():
     moved = shift(image, np.array([[1, -1]]), 2)
     assert moved[0, 1:, :-1, 0].tolist() == image[0, :-1, 1:, 0].tolist()
     assert moved[0, 0, :-1, 0].tolist() == image[0, 0, 1:, 0].tolist()
+
+
+@given(st.lists(st.sampled_from(["lift", "the", "red cube", ""]), max_size=4), st.integers(0, 9), st.floats(0.0, 1.0))
+def test_changed_words_come_from_the_sentence_or_are_random(instructions, seed, share):
+    changed = change_words(instructions, np.random.default_rng(seed), share)
+    for before, after in zip(instructions, changed, strict=True):
+        kept = [word for word in after.split() if len(word) != 5]
+        assert set(kept) <= set(before.split())
+        assert len(after.split()) <= 2 * len(before.split())
+        assert share or before == after
+
+
+def test_a_third_of_the_changed_words_each_is_left_out_replaced_and_followed_by_another():
+    words = change_words(["cube " * 3000], np.random.default_rng(0), 0.6)[0].split()
+    kept = words.count("cube")
+    assert kept / 3000 == pytest.approx(0.6, abs=0.03)
+    assert (len(words) - kept) / 3000 == pytest.approx(0.4, abs=0.03)
+
+
+def test_words_are_changed_in_training_batches_alone_and_nothing_else_is(pool):
+    plain, changed = (
+        pool.sample(16, seed=3, step=2, chunk_length=4, largest_shift=1, changed_words=share) for share in (0.0, 0.9)
+    )
+    assert set(plain.instructions) == {
+        text for batch in pool.held_out(8, chunk_length=4) for text in batch.instructions
+    }
+    assert all(one != other for one, other in zip(plain.instructions, changed.instructions, strict=True))
+    np.testing.assert_array_equal(plain.actions, changed.actions)
+    for camera, images in plain.images.items():
+        np.testing.assert_array_equal(images, changed.images[camera])
 
 
 def test_progress_is_one_line():
