@@ -41,7 +41,8 @@ class BaseSimulation(ABC):
     def observe(self) -> Observation:
         """Render the cameras of the view and read the arm."""
         images = {camera: self.draw(camera, self.view.image_size) for camera in self.view.cameras}
-        return Observation(images, proprioception(self.arm_state()), self.instruction)
+        of_joints = bool(self.action_spec.joints)
+        return Observation(images, proprioception(self.arm_state(), of_joints=of_joints), self.instruction, of_joints)
 
     def picture(self) -> Image:
         """Render the third-person view, (256, 256, 3)."""

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 
 from robogauntlet.adapters.contract import (
     AdapterError,
+    Body,
     Goal,
     Simulation,
     Simulator,
@@ -68,10 +69,10 @@ def goal_of(task: str) -> Goal | None:
     return description.goal if description else None
 
 
-def arms_of(task: str) -> int:
-    """Return the number of arms that act in `simulator/task`; 1 if there is no such task."""
+def body_of(task: str) -> Body:
+    """Return what acts in `simulator/task`; an arm whose tool is moved if there is no such task."""
     description = task_descriptions().get(task)
-    return description.arms if description else 1
+    return description.body if description else Body()
 
 
 def find(simulator: str) -> Simulator:

@@ -7,6 +7,8 @@ Conventions, the same in every simulator:
   vector in the base frame (rad), gripper (-1 open .. +1 closed).
 - Proprioception, 8 numbers per arm: tool centre point position (m), its axis-angle on the branch around "gripper
   pointing down" (`robogauntlet.adapters.frames.axis_angle`, rad), positions of the two fingers (m).
+- Targets of joints, for arms that cannot follow every motion of a tool. Action: target of each joint (rad), gripper as
+  before. Proprioception: angle of each joint (rad), gripper on the same scale.
 - Two arms: the numbers of the first, then those of the second, each in the frame of its own base. All else, goals and
   behaviour among it, is in the frame of the first arm's base; names of the second arm begin with `second_`.
 """
@@ -24,9 +26,10 @@ from numpy.typing import NDArray
 from robogauntlet.suites.episode import CAMERAS, View
 
 ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
-ACTION_DIM = 7
-PROPRIOCEPTION_DIM = 8
-"""Of one arm."""
+PROPRIOCEPTION_NAMES = ("x", "y", "z", "rx", "ry", "rz", "finger_left", "finger_right")
+GRIPPER = "gripper"
+ACTION_DIM, PROPRIOCEPTION_DIM = len(ACTION_NAMES), len(PROPRIOCEPTION_NAMES)
+"""Of one arm whose tool is moved."""
 ARM_PREFIXES = ("", "second_")
 """What the names of each arm's numbers begin with."""
 PICTURE_SIZE = 256
@@ -60,48 +63,103 @@ class NotDelivered(AdapterError):
 
 
 @dataclass(frozen=True)
+class Body:
+    """What acts, from which the numbers of an action and of proprioception follow."""
+
+    arms: int = 1
+    joints: tuple[str, ...] = ()
+    """Names of the arm's joints, if an action has their targets; empty if it moves the tool."""
+
+    def __post_init__(self) -> None:
+        """Check it. Raises ValueError for another number of arms, two arms with joints, or a joint's name."""
+        if self.arms not in ((1,) if self.joints else (1, 2)):
+            raise ValueError(f"arms: expected {'1 with joints' if self.joints else '1 or 2'}, found {self.arms!r}")
+        if taken := {name for name in self.joints if name in ACTION_NAMES or self.joints.count(name) > 1}:
+            raise ValueError(f"joints: expected a name for each, none of an action of a tool, found {min(taken)!r}")
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """What each number of an action is."""
+        return names_of_arms((*self.joints, GRIPPER) if self.joints else ACTION_NAMES, self.arms)
+
+    @property
+    def proprioception_names(self) -> tuple[str, ...]:
+        """What each number of proprioception is."""
+        return names_of_arms((*self.joints, GRIPPER) if self.joints else PROPRIOCEPTION_NAMES, self.arms)
+
+    @property
+    def action_dim(self) -> int:
+        """Numbers of an action."""
+        return len(self.action_names)
+
+    @property
+    def proprioception_dim(self) -> int:
+        """Numbers of proprioception."""
+        return len(self.proprioception_names)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint whose target an action has."""
+
+    name: str
+    low: float
+    """Least and greatest target (rad); others are clipped by the adapter."""
+    high: float
+    step: float
+    """Largest change of the target in a control step (rad); more is clipped by the adapter."""
+
+
+@dataclass(frozen=True)
 class ActionSpec:
     """Parts and bounds of an action, in the units of the conventions above. They are the same for both of two arms."""
 
     max_translation: float
-    """Largest translation per axis and step (m); more is clipped by the adapter."""
+    """Largest translation per axis and step (m); more is clipped by the adapter. 0 if there are `joints`."""
     max_rotation: float
-    """Largest rotation per axis and step (rad); more is clipped by the adapter."""
+    """Largest rotation per axis and step (rad); more is clipped by the adapter. 0 if there are `joints`."""
     control_hz: float
     """Control steps per simulated second."""
     ignored: tuple[str, ...] = ()
     """Those out of `names` that have no effect in this task."""
     arms: int = 1
+    joints: tuple[Joint, ...] = ()
+    """Joints of the arm, in order, if an action has their targets; empty if it moves the tool."""
 
     def __post_init__(self) -> None:
-        """Check the number of arms. Raises ValueError if it is neither 1 nor 2."""
-        check_arms(self.arms)
+        """Check the number of arms, see `Body`."""
+        Body(self.arms)
+
+    @property
+    def body(self) -> Body:
+        """What acts."""
+        return Body(self.arms, tuple(joint.name for joint in self.joints))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each number of an action is: `ACTION_NAMES` of each arm, see `ARM_PREFIXES`."""
-        return names_of_arms(ACTION_NAMES, self.arms)
+        """What each number of an action is, see `Body.action_names`."""
+        return self.body.action_names
 
     @property
     def low(self) -> FloatArray:
-        """Lower bounds, shape (7 * arms,)."""
-        return -self.high
+        """Lower bounds, shape (numbers of an action,)."""
+        return np.array([*(joint.low for joint in self.joints), -1.0]) if self.joints else -self.high
 
     @property
     def high(self) -> FloatArray:
-        """Upper bounds, shape (7 * arms,)."""
-        return np.array(([self.max_translation] * 3 + [self.max_rotation] * 3 + [1.0]) * self.arms)
+        """Upper bounds, shape (numbers of an action,)."""
+        one = [self.max_translation] * 3 + [self.max_rotation] * 3
+        return np.array([*([joint.high for joint in self.joints] or one), 1.0] * self.arms)
+
+    @property
+    def steps(self) -> FloatArray:
+        """Largest change of each number in a control step (m, rad), shape as `high`; grippers are not limited."""
+        return np.array([*(joint.step for joint in self.joints), 2.0]) if self.joints else self.high
 
     @property
     def ignored_indices(self) -> list[int]:
         """Positions in an action of the numbers that are `ignored`."""
         return [self.names.index(name) for name in self.ignored]
-
-
-def check_arms(arms: object) -> None:
-    """Raise ValueError for a number of arms that is neither 1 nor 2."""
-    if arms not in (1, 2):
-        raise ValueError(f"arms: expected 1 or 2, found {arms!r}")
 
 
 def is_of_second_arm(name: str) -> bool:
@@ -130,14 +188,17 @@ class Observation:
     images: Mapping[str, Image]
     """Camera name to an upright RGB image, shape (size, size, 3)."""
     proprioception: FloatArray
-    """Shape (8 * arms,), see the module's conventions."""
+    """Shape (numbers of `Body.proprioception_names`,), see the module's conventions."""
     instruction: str
     """The goal in words."""
+    of_joints: bool = False
+    """Whether proprioception has the positions of joints, and an action their targets."""
 
     @property
     def action_dim(self) -> int:
-        """Numbers of an action in answer to it: 7 for each arm that it shows."""
-        return len(self.proprioception) // PROPRIOCEPTION_DIM * ACTION_DIM
+        """Numbers of an action in answer to it, for the arms that it shows."""
+        numbers = len(self.proprioception)
+        return numbers if self.of_joints else numbers // PROPRIOCEPTION_DIM * ACTION_DIM
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +293,7 @@ class Simulation(Protocol):
         """Render the present state. The only call that renders for a policy."""
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply `action`, shape (7 * arms,), within the bounds of `action_spec`, for a control step. Never renders."""
+        """Apply `action`, of the shape and within the bounds of `action_spec`, for a control step. Never renders."""
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return the true state in the base frame, for oracles and checks, never for policies.
@@ -241,7 +302,9 @@ class Simulation(Protocol):
         `second_tcp_position` and so on in its own base's frame, and its base, `second_base_position` and
         `second_base_quaternion`, in the first's. Objects follow as `<name>_position` and `<name>_quaternion`, goals as
         `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is the distance that they slid
-        meanwhile (m).
+        meanwhile (m). Where an action has the targets of joints, there are `joint_angles` and `gripper` as in
+        proprioception, (n,) and (1,), the present `joint_targets` (n,) (rad), and `tcp_jacobian` (6, n): translation
+        (m) and rotation (rad) of the tool for each radian.
         """
 
     def state_hash(self) -> str:
@@ -282,18 +345,24 @@ class TaskDescription:
     goal: Goal | None = None
     """Without it, progress and the kinds of failures are not measured."""
     published_instruction: str = ""
-    """The instruction that the benchmark's own code gives, if it says more than the goal; see the control
-    `variant-name`."""
+    """What the benchmark's own code gives, if it says more than the goal; see the control `variant-name`."""
     robot: str = ""
     """The robot that plays it, if others can: tasks with the same name before an `@` differ in it."""
     arms: int = 1
     """Arms that act in it, 1 or 2."""
+    joints: tuple[str, ...] = ()
+    """Names of the arm's joints, if an action has their targets; empty if it moves the tool."""
     variant_of: str = ""
     """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
 
     def __post_init__(self) -> None:
-        """Check the number of arms. Raises ValueError if it is neither 1 nor 2."""
-        check_arms(self.arms)
+        """Check the number of arms, see `Body`."""
+        Body(self.arms)
+
+    @property
+    def body(self) -> Body:
+        """What acts."""
+        return Body(self.arms, self.joints)
 
 
 @dataclass(frozen=True)
@@ -310,14 +379,12 @@ class Simulator:
     distributions: tuple[str, ...]
     """Distributions whose versions belong to the provenance of a result."""
     open: Callable[[str, View], Simulation]
-    """Opens one of `tasks`, by its name without the simulator. Imports the simulator, within the calling process.
-
-    Raises SimulatorUnavailable."""
+    """Opens one of `tasks`, by its name without the simulator. Imports the simulator, in the calling process. Raises
+    SimulatorUnavailable."""
     environment: Mapping[str, str] = field(default_factory=dict)
     """Environment variables that a worker sets, unless set already, before the simulator is imported."""
     requirements: tuple[str, ...] = ()
-    """Requirements that `robogauntlet env create` adds to the running environment, for a simulator that needs its
-    own Python environment; empty if it needs none."""
+    """Requirements that `robogauntlet env create` adds for a simulator that needs a Python environment of its own."""
     without_dependencies: tuple[str, ...] = ()
     """Further requirements, installed without their dependencies."""
     definitions: Mapping[str, str] = field(default_factory=dict)

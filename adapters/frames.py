@@ -41,11 +41,14 @@ def relative_pose(
     return relative, (inverse * Rotation.from_quat(quaternion)).as_quat()
 
 
-def proprioception(state: Mapping[str, FloatArray]) -> FloatArray:
-    """Return an observation's proprioception (8 * arms,) from a privileged state.
+def proprioception(state: Mapping[str, FloatArray], *, of_joints: bool = False) -> FloatArray:
+    """Return an observation's proprioception from a privileged state.
 
-    Of each arm: tool position, axis-angle, fingers.
+    Of each arm tool position, axis-angle and fingers, shape (8 * arms,); or the angles of n joints and the gripper,
+    shape (n + 1,).
     """
+    if of_joints:
+        return np.concatenate([state["joint_angles"], state["gripper"]])
     parts = []
     for arm in ARM_PREFIXES:
         if f"{arm}tcp_position" in state:

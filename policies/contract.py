@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from robogauntlet.adapters.catalog import arms_of, original
+from robogauntlet.adapters.catalog import body_of, original
 from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import UserError
@@ -72,7 +72,7 @@ class PolicySpec:
 
     def can_act_in(self, task: str) -> bool:
         """Return whether it can act in `simulator/task`."""
-        if self.action_dim not in (None, ACTION_DIM * arms_of(task)):
+        if self.action_dim not in (None, body_of(task).action_dim):
             return False
         return self.tasks is None or task in self.tasks or (self.variants and original(task) in self.tasks)
 
@@ -91,8 +91,8 @@ class Query:
 
     @property
     def action_dim(self) -> int:
-        """Numbers of an action that answers it: those of the arms that it shows, or else of its task."""
-        return ACTION_DIM * arms_of(self.episode.task) if self.observation is None else self.observation.action_dim
+        """Numbers of an action that answers it: those of what it shows, or else of its task."""
+        return body_of(self.episode.task).action_dim if self.observation is None else self.observation.action_dim
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Decision:
     """A policy's answer to one query."""
 
     actions: FloatArray
-    """Action chunk, shape (n, 7 * arms), n >= 1, in the units of `robogauntlet.adapters.contract`."""
+    """Action chunk, shape (n, numbers of an action), n >= 1, in the units of `robogauntlet.adapters.contract`."""
     routing: Routing | None = None
 
 
@@ -195,7 +195,7 @@ def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:
         PolicyMismatch: It cannot; the message names the tasks in which it can, or the numbers that one accepts.
     """
     for task in tasks:
-        numbers = ACTION_DIM * arms_of(task)
+        numbers = body_of(task).action_dim
         if spec.action_dim not in (None, numbers):
             raise PolicyMismatch(f"{task} accepts {numbers} numbers per action, the policy produces {spec.action_dim}")
     if beyond := [task for task in tasks if not spec.can_act_in(task)]:

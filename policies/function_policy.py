@@ -27,7 +27,7 @@ from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import describe
 
 PARAMETERS = ("images", "proprioception", "instruction")
-"""Parameters of a function: camera to (size, size, 3) uint8, (8,) float64, text."""
+"""Parameters of a function: camera to (size, size, 3) uint8, (8,) or as the task has, float64, and text."""
 MAX_CHUNK_LENGTH = 1000
 CONTRACT = "robogauntlet.policies.contract"
 LIST = ", ".join(PARAMETERS)

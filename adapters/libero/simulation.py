@@ -42,7 +42,7 @@ from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
-from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
+from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, model_of
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import FIRST_TRAINING_SEED, RenderProfile, View
@@ -86,7 +86,8 @@ class LiberoSimulation(MujocoSimulation):
         robot = env.robots[0]
         limits = robot.controller.output_max
         spec = ActionSpec(REACHED[0] * float(limits[0]), REACHED[1] * float(limits[3]), CONTROL_HZ)
-        super().__init__(package.mujoco, env, view, task.instruction, spec)
+        super().__init__(package.mujoco, *model_of(env), view, task.instruction, spec)
+        self._env = env
         if view.render_profile is RenderProfile.FAST_2:
             simplify_meshes(package.mujoco, self._model, textured=True)
         self._states = package.stored_states(task.libero_suite, task.name)

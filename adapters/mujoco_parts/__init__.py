@@ -1,4 +1,4 @@
-"""What the robosuite and LIBERO adapters share: observing, and adjusting cameras, lights, arm, dynamics and table.
+"""What the adapters of robosuite, LIBERO and the SO-101 share: observing, and adjusting what is in the scene.
 
 Nothing here imports MuJoCo: its module, model and data are handed in by the adapter that opened them.
 """

@@ -1,4 +1,4 @@
-"""Reads how far a gripper of robosuite is open."""
+"""Reads how far a gripper in MuJoCo is open."""
 
 from __future__ import annotations
 

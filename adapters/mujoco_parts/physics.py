@@ -1,4 +1,4 @@
-"""The physics of a robosuite environment, which its scene controls share."""
+"""The physics of a MuJoCo simulation, which its scene controls share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The common part of simulations with robosuite's arms: rendering and reading the state."""
+"""The common part of simulations of arms in MuJoCo: rendering and reading the state."""
 
 from __future__ import annotations
 
@@ -50,22 +50,24 @@ class _Arm:
 
 
 class MujocoSimulation(BaseSimulation):
-    """A `Simulation` of a robosuite environment that renders, reads and closes. Subclasses reset and step."""
+    """A `Simulation` that renders, reads and closes. Subclasses reset and step."""
 
     culling = True
     scene_controls: SceneControls
     _lights: MujocoLights
     _table: MujocoTable | None
 
-    def __init__(self, mujoco: Any, env: Any, view: View, instruction: str, action_spec: ActionSpec) -> None:
-        """Take MuJoCo's module and robosuite's environment, see `BaseSimulation` for the others."""
+    _env: Any = None
+    """robosuite's environment, if the task is one of its."""
+
+    def __init__(
+        self, mujoco: Any, model: Any, data: Any, view: View, instruction: str, action_spec: ActionSpec
+    ) -> None:
+        """Take MuJoCo's module, model and data, see `BaseSimulation` for the others."""
         super().__init__(view, instruction, action_spec)
-        self._mujoco, self._env = mujoco, env
+        self._mujoco, self._model, self._data = mujoco, model, data
         self._arms: list[_Arm] = []
-        for name in env.observation_names:  # Updated 25 times in a control step, and not used.
-            env.modify_observable(name, "enabled", False)
-        self._model, self._data = env.sim.model._model, env.sim.data._data
-        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # Nor are they.
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # They are not read.
         option = mujoco.MjvOption()
         option.geomgroup[0] = 0  # Collision shapes.
         self._scene = MujocoScene(self._model, self._data, view.render_profile, option)
@@ -178,7 +180,22 @@ class MujocoSimulation(BaseSimulation):
 
     def engine_time(self) -> float:
         """Return the CPU time of MuJoCo alone in a control step from the present state (s), which stays as it is."""
-        return engine_time(self._model, self._data, int(self._env.control_timestep / self._env.model_timestep))
+        return engine_time(self._model, self._data, self._physics_steps)
+
+    @property
+    def _physics_steps(self) -> int:
+        """Number of physics steps in a control step."""
+        return round(1.0 / self.action_spec.control_hz / float(self._model.opt.timestep))
+
+
+def model_of(env: Any) -> tuple[Any, Any]:
+    """Return MuJoCo's model and data of a robosuite environment, and stop the updates of its observables.
+
+    There are 25 in a control step, and they are not used.
+    """
+    for name in env.observation_names:
+        env.modify_observable(name, "enabled", False)
+    return env.sim.model._model, env.sim.data._data
 
 
 def import_with_mujoco(extra: str, *modules: str) -> tuple[Any, ...]:

@@ -34,7 +34,7 @@ from robogauntlet.adapters.mujoco_parts.fingers import Pads
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
-from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco
+from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco, model_of
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, TWO_PANDAS, split_arm
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
@@ -87,7 +87,8 @@ class RobosuiteSimulation(MujocoSimulation):
         share = float(np.sqrt(controller.kp[0])) / 2.0 / CONTROL_HZ  # Of an offset, see the module's docstring.
         translation, rotation = (share * float(controller.output_max[i]) for i in (0, 3))
         spec = ActionSpec(translation, rotation, CONTROL_HZ, arms=arms)
-        super().__init__(mujoco, env, view, TASKS[task].instruction, spec)
+        super().__init__(mujoco, *model_of(env), view, TASKS[task].instruction, spec)
+        self._env = env
         if view.render_profile is RenderProfile.FAST_2:
             simplify_meshes(mujoco, self._model)
         self._parts = PARTS[name]

@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
-from robogauntlet.orchestrator.runs.suite_policies import one_of_each_number_of_arms
+from robogauntlet.orchestrator.runs.suite_policies import one_of_each_body
 from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
 from robogauntlet.policies.contract import Policy
@@ -125,7 +125,7 @@ def _check(served: ServedObject, plan: Plan) -> None:
             f"policy '{served.name}': an object with reset plays one episode at a time, expected tasks of one "
             "simulator and no other workers than 1; give its class instead, of which each episode gets an object"
         )
-    for task in one_of_each_number_of_arms(suite.tasks):
+    for task in one_of_each_body(suite.tasks):
         served.check_answer(suite.view, task)
 
 

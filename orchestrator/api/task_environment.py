@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium import spaces
 
 from robogauntlet.adapters.contract import (
-    PROPRIOCEPTION_DIM,
     FloatArray,
     Image,
     Simulation,
@@ -27,10 +26,10 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
     """A task whose every step returns the images.
 
     Attributes:
-        observation_space: `images` (camera to (size, size, 3) uint8), `proprioception` ((8,) float64) and `instruction`
+        observation_space: `images` (camera to (size, size, 3) uint8), `proprioception` (float64) and `instruction`
             (text).
-        action_space: (7,) float64 in the units of `robogauntlet.adapters.contract`; what is beyond is clipped, as in a
-            run.
+        action_space: (7,), for two arms (14,), or a number for each joint and the gripper; float64 in the units of
+            `robogauntlet.adapters.contract`; what is beyond is clipped, as in a run.
         simulation: The simulation of the episode, with the true state.
         horizon: Control steps after which an episode is truncated.
     """
@@ -59,7 +58,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         self.observation_space = spaces.Dict(
             {
                 "images": spaces.Dict(dict.fromkeys(view.cameras, image)),
-                "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_DIM * spec.arms,), np.float64),
+                "proprioception": spaces.Box(-np.inf, np.inf, (spec.body.proprioception_dim,), np.float64),
                 "instruction": spaces.Text(longest, min_length=0, charset=characters),
             }
         )
@@ -88,7 +87,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         return self._observe(), {"seed": chosen}
 
     def step(self, action: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Apply one action, (7 * arms,), for one control step.
+        """Apply one action, of the shape of `action_space`, for one control step.
 
         Returns:
             The observation; the reward; whether the task has succeeded (its predicate held for five steps in a row), or

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, AdapterError, FloatArray, Observation, Simulation
+from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, AdapterError, FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.demonstrations.task_queue import PlayedSeed
 from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
@@ -33,8 +33,6 @@ from robogauntlet.support.errors import first_line
 LEARNER_REPLANS_EVERY = 4
 """Steps of a learner's chunk that are executed before its next query."""
 
-MOTION_DIM = 6
-"""Numbers of an arm's action before that of its gripper."""
 HANDOVER_KEY = 2**32 - 1
 """Random key of the handover step; noise is keyed by the step."""
 
@@ -64,7 +62,7 @@ class Learner:
         self._chunk, self._numbers = [], len(simulation.action_spec.high)
 
     def action(self, observation: Observation, step: int) -> FloatArray:
-        """The action to execute in this step, shape (7 * arms,)."""
+        """The action to execute in this step, shape (numbers of an action,)."""
         if not self._chunk:
             (decision,) = self.policy.act([Query(self.episode, step, observation=observation)])
             self._chunk = list(check_chunk(decision.actions, self._numbers)[:LEARNER_REPLANS_EVERY])
@@ -102,9 +100,8 @@ class RecordedSimulation(TrajectoryRecorder):
             disturbed = self._learner.action(self._observations[-1], step)
         else:
             disturbed, generator = np.array(action), _generator(self._episode, step)
-            for first in range(0, len(disturbed), ACTION_DIM):
-                moved = slice(first, first + MOTION_DIM)
-                disturbed[moved] += self._noise * spec.high[moved] * generator.standard_normal(MOTION_DIM)
+            moved = [place for place, name in enumerate(spec.names) if not name.endswith(GRIPPER)]
+            disturbed[moved] += self._noise * spec.steps[moved] * generator.standard_normal(len(moved))
         disturbed[spec.ignored_indices] = 0.0
         return np.clip(disturbed, spec.low, spec.high)
 

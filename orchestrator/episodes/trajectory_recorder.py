@@ -77,4 +77,5 @@ class TrajectoryRecorder(SimulationWrapper):
             np.array(self._success[first:]),
             {camera: [each.images[camera] for each in observations] for camera in observations[0].images},
             about or {},
+            self.action_spec.body,
         )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Image, Observation, TaskDescription
+from robogauntlet.adapters.contract import Image, Observation, TaskDescription
 from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, chunk_of
 from robogauntlet.suites.episode import View
@@ -24,7 +24,7 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
         name: The policy's name, for messages.
         ask: Returns the answer to an observation.
         view: Cameras and size of the images.
-        task: The task, with its instruction and the number of its arms.
+        task: The task, with its instruction and what acts in it.
 
     Raises:
         PolicyMismatch: The answer is no action chunk.
@@ -32,7 +32,8 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
     """
     black: Image = np.zeros((view.image_size, view.image_size, 3), np.uint8)
     images = {camera: black.copy() for camera in view.cameras}
-    observation = Observation(images, np.zeros(PROPRIOCEPTION_DIM * task.arms), task.instruction)
+    state = np.zeros(task.body.proprioception_dim)
+    observation = Observation(images, state, task.instruction, bool(task.joints))
     try:
         answer = call_within(LIMIT_S, lambda: ask(observation))
     except Late:

@@ -13,8 +13,8 @@ import numpy as np
 import ray
 from ray.exceptions import RayError
 
-from robogauntlet.adapters.catalog import arms_of
-from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Observation
+from robogauntlet.adapters.catalog import body_of
+from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy, resolve_locally
 from robogauntlet.orchestrator.inference.batcher import Batcher
 from robogauntlet.orchestrator.ray_runtime.session import answer, check_room
@@ -221,5 +221,6 @@ def measure_answer_times(
 def _black_queries(cell: Cell, count: int) -> list[Query]:
     view = cell.protocol.view
     images = {camera: np.zeros((view.image_size, view.image_size, 3), np.uint8) for camera in view.cameras}
-    observation = Observation(images, np.zeros(PROPRIOCEPTION_DIM * arms_of(cell.task)), "")
+    body = body_of(cell.task)
+    observation = Observation(images, np.zeros(body.proprioception_dim), "", bool(body.joints))
     return [Query(cell.episode(seed), 0, observation) for seed in range(count)]

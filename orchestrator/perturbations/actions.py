@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, Delivered, FloatArray, StepOutcome
+from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, Delivered, FloatArray, StepOutcome
 from robogauntlet.orchestrator.perturbations.base import Perturbed, generator_for
 
 OPEN_GRIPPER = -1.0
@@ -34,7 +34,10 @@ class PerturbedActions(Perturbed):
 
 
 class ActionNoise(PerturbedActions):
-    """Noise in the executed translation, drawn for each arm independently."""
+    """Noise in the executed translation, drawn for each arm independently.
+
+    Joints get what moves the tool as far. It does not add up there, since each target stands for itself.
+    """
 
     def reset(self, seed: int) -> None:
         """Start the episode."""
@@ -43,25 +46,37 @@ class ActionNoise(PerturbedActions):
 
     def _executed(self, action: FloatArray) -> FloatArray:
         spec = self.action_spec
+        low, high, moved, per_metre = self._reach()
         generator = generator_for(self.episode.pair_id, self._steps)
         noisy = action.copy()
-        moved = self._translations()
-        noisy[moved] += step_deviation(self.level, spec.control_hz) * generator.standard_normal(len(moved))
+        deviation = step_deviation(self.level, spec.control_hz)
+        noisy[moved] += per_metre @ (deviation * generator.standard_normal(per_metre.shape[1]))
         noisy[spec.ignored_indices] = 0.0
-        noisy = np.clip(noisy, spec.low, spec.high)
-        self._squares += float(np.square(noisy[moved] - action[moved]).sum())
+        noisy = np.clip(noisy, low, high)
+        change = noisy - (np.clip(action, low, high) if spec.joints else action)
+        self._squares += float(np.square(np.linalg.pinv(per_metre) @ change[moved]).sum())
         return noisy
 
     def delivered(self) -> Delivered:
         """The deviation of the executed actions from the commanded ones, clipping included."""
         if not self._steps:
             return Delivered(None)
-        per_step = math.sqrt(self._squares / (len(self._translations()) * self._steps))
+        per_step = math.sqrt(self._squares / (3 * self.action_spec.arms * self._steps))
         return Delivered(100 * per_step * math.sqrt(self.action_spec.control_hz))
 
-    def _translations(self) -> list[int]:
-        """Positions in an action of the translations of its arms."""
-        return [arm * ACTION_DIM + axis for arm in range(self.action_spec.arms) for axis in range(3)]
+    def _reach(self) -> tuple[FloatArray, FloatArray, list[int], FloatArray]:
+        """Return what an action can be now, which n of its numbers move the tools, and how much for each metre.
+
+        The last has shape (n, 3 * arms).
+        """
+        spec = self.action_spec
+        if not spec.joints:
+            moved = [arm * ACTION_DIM + axis for arm in range(spec.arms) for axis in range(3)]
+            return spec.low, spec.high, moved, np.eye(len(moved))
+        state = self.simulation.privileged_state()
+        present = np.append(state["joint_targets"], 0.0)
+        low, high = np.maximum(spec.low, present - spec.steps), np.minimum(spec.high, present + spec.steps)
+        return low, high, list(range(len(spec.joints))), np.linalg.pinv(state["tcp_jacobian"][:3])
 
 
 class ActionDelay(PerturbedActions):
@@ -71,7 +86,9 @@ class ActionDelay(PerturbedActions):
         """Start the episode; the robot stays until the first action arrives."""
         super().reset(seed)
         spec = self.action_spec
-        still = np.array([OPEN_GRIPPER if name.endswith("gripper") else 0.0 for name in spec.names])
+        still = np.array([OPEN_GRIPPER if name.endswith(GRIPPER) else 0.0 for name in spec.names])
+        if spec.joints:
+            still[:-1] = self.simulation.privileged_state()["joint_targets"]
         still[spec.ignored_indices] = 0.0
         self._delayed = [still] * delay_steps(self.level, spec.control_hz, least=int(self.severity >= 1))
 

@@ -12,7 +12,7 @@ from multiprocessing import get_context
 import numpy as np
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import Image, Simulation
+from robogauntlet.adapters.contract import Body, Image, Simulation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.policy_kit import actions, motion, observation, repetition
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
@@ -60,8 +60,11 @@ def check_policy(probe: Probe) -> Iterator[Finding | Image]:
         PolicyError: The policy cannot be loaded, or cannot act in the task.
         AdapterError: The task cannot be opened.
     """
-    if simulators.arms_of(probe.task) != 1:
-        raise PolicyError(f"expected a task of one arm, in which policies are checked; {probe.task} has two")
+    if (body := simulators.body_of(probe.task)) != Body():
+        others = "targets of joints" if body.joints else "two arms"
+        raise PolicyError(
+            f"expected a task of one arm whose tool is moved, to check a policy; {probe.task} has {others}"
+        )
     policy = build_policy(probe.source)
     try:
         try:

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import ActionSpec, ObservationSpec, TaskDescription
+from robogauntlet.adapters.contract import ActionSpec, Joint, ObservationSpec, TaskDescription
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.first_answer import check_first_answer
@@ -166,7 +166,7 @@ def _find(
     suite = _fitted(suite, spec) if fit else suite
     _check_fit(spec, suite)
     if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
-        for task in one_of_each_number_of_arms(suite.tasks):
+        for task in one_of_each_body(suite.tasks):
             check_first_answer(entry.name, policy.ask, suite.view, task)
     return source, "", suite
 
@@ -201,10 +201,10 @@ def _fitted(suite: Suite, spec: PolicySpec) -> Suite:
     return of_tasks(suite, spec.can_act_in)
 
 
-def one_of_each_number_of_arms(tasks: Iterable[str]) -> list[TaskDescription]:
-    """Return the first of these tasks that has one arm, and the first that has two."""
+def one_of_each_body(tasks: Iterable[str]) -> list[TaskDescription]:
+    """Return the first of these tasks that has one arm, the first that has two, and the first of each with joints."""
     known = simulators.task_descriptions()
-    return list({known[task].arms: known[task] for task in reversed(list(tasks))}.values())
+    return list({known[task].body: known[task] for task in reversed(list(tasks))}.values())
 
 
 def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:
@@ -213,6 +213,8 @@ def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:
 
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:
-    actions = ActionSpec(1.0, 1.0, 1.0, arms=simulators.arms_of(suite.tasks[0]))
+    body = simulators.body_of(suite.tasks[0])
+    joints = tuple(Joint(name, -1.0, 1.0, 1.0) for name in body.joints)
+    actions = ActionSpec(1.0, 1.0, 1.0, arms=body.arms, joints=joints)
     check_fit(spec, actions, ObservationSpec(suite.cameras, suite.image_size))
     check_tasks(spec, suite.tasks)

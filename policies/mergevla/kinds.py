@@ -105,7 +105,9 @@ def _merged_spec(options: Mapping[str, Any]) -> PolicySpec:
     if chosen.checkpoint.startswith(SCHEME) and chosen.recipe is None:  # a checkpoint of others is loaded, to check it
         metadata = MergedMetadata.read(locate(chosen.checkpoint))
         if chosen.router in (*UNFITTED_ROUTERS, *metadata.routers):
-            return merged_spec(metadata.architecture, metadata.statistics.arms, metadata.instructions, chosen.router)
+            return merged_spec(
+                metadata.architecture, metadata.statistics.action_dims, metadata.instructions, chosen.router
+            )
     with needs_packages(MERGED_NAME):
         from robogauntlet.policies.mergevla.policies.merged_policy import checked_spec
     return checked_spec(chosen)

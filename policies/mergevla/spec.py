@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from robogauntlet.adapters.contract import ACTION_DIM
 from robogauntlet.policies.contract import PolicyInput, PolicyMismatch, PolicySpec
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet.policies.mergevla.network.config import Architecture
@@ -16,12 +15,12 @@ UNFITTED_ROUTERS = (ORACLE_ROUTER, "delta-energy", "instruction-match", "paper-c
 """Routers that any checkpoint has: the keys of `routing.catalog.UNFITTED`."""
 
 
-def policy_spec(architecture: Architecture, arms: Collection[int]) -> PolicySpec:
-    """Return the spec of a policy of this architecture that was trained in tasks of these numbers of arms."""
+def policy_spec(architecture: Architecture, action_dims: Collection[int]) -> PolicySpec:
+    """Return the spec of a policy of this architecture that was trained in tasks with actions of these sizes."""
     return PolicySpec(
         PolicyInput.OBSERVATION,
         chunk_length=architecture.chunk_length,
-        action_dim=None if len(arms) > 1 else ACTION_DIM * max(arms),
+        action_dim=None if len(action_dims) > 1 else max(action_dims),
         cameras=architecture.cameras,
         image_size=architecture.image_size,
     )
@@ -32,8 +31,8 @@ def experts_spec(experts: Mapping[str, CheckpointMetadata]) -> PolicySpec:
 
     Raises PolicyMismatch if they differ in chunk length, cameras or image size.
     """
-    arms = {number for one in experts.values() for number in one.statistics.arms}
-    specs = {task: policy_spec(one.architecture, arms) for task, one in experts.items()}
+    action_dims = {number for one in experts.values() for number in one.statistics.action_dims}
+    specs = {task: policy_spec(one.architecture, action_dims) for task, one in experts.items()}
     first, spec = next(iter(specs.items()))
     for task, other in specs.items():
         if other != spec:
@@ -43,7 +42,9 @@ def experts_spec(experts: Mapping[str, CheckpointMetadata]) -> PolicySpec:
     return replace(spec, tasks=frozenset(experts), variants=True)
 
 
-def merged_spec(architecture: Architecture, arms: Collection[int], tasks: Collection[str], router: str) -> PolicySpec:
+def merged_spec(
+    architecture: Architecture, action_dims: Collection[int], tasks: Collection[str], router: str
+) -> PolicySpec:
     """Return the spec of a merged policy, which acts in its experts' tasks only if it is given the true task."""
-    spec = policy_spec(architecture, arms)
+    spec = policy_spec(architecture, action_dims)
     return replace(spec, tasks=frozenset(tasks), variants=True) if router == ORACLE_ROUTER else spec

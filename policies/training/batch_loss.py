@@ -69,7 +69,7 @@ class BatchLoss:
     objective: Objective = Objective.L1
 
     def loss(self, model: MergeVLA, batch: Batch) -> Tensor:
-        """The mean L1 of the model's normalised chunks, without steps past the episode's end and arms not in the task.
+        """The mean L1 of the model's normalised chunks, without steps past the end and numbers not in the task.
 
         With `Objective.MATCHING`: the mean contrastive loss over pairs of the cameras' images and the sentence, each
         embedded on its own. Images of one frame match, and a sentence matches the images of all frames that have it.

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM
+from robogauntlet.adapters.contract import GRIPPER
 from robogauntlet.policies.training.lerobot_format import (
     ACTION,
     CODEBASE_VERSION,
@@ -46,11 +46,11 @@ class Batch:
     images: Mapping[str, NDArray[np.uint8]]
     """Camera name to images (b, size, size, 3)."""
     states: Floats
-    """Proprioception, shape (b, 8 * arms)."""
+    """Proprioception, shape (b, numbers)."""
     actions: Floats
-    """Actions from this step on, shape (b, chunk, 7 * arms).
+    """Actions from this step on, shape (b, chunk, numbers).
 
-    Past the episode's end: no motion, the gripper's last command."""
+    Past the episode's end: no motion, the last command of grippers and joints."""
     mask: NDArray[np.bool_]
     """False past the episode's end, shape (b, chunk)."""
     instructions: tuple[str, ...]
@@ -67,8 +67,8 @@ class Demonstrations:
         info, self.spec = _read_info(folder)
         self._files = sorted((folder / "data").glob("*/*.parquet"))
         table = self._read([STATE, ACTION, SUCCESS, "episode_index", "index", "task_index"])
-        self.states: Floats = self._column(table, STATE, PROPRIOCEPTION_DIM * self.spec.arms).astype(np.float32)
-        self.actions: Floats = self._column(table, ACTION, ACTION_DIM * self.spec.arms).astype(np.float32)
+        self.states: Floats = self._column(table, STATE, self.spec.body.proprioception_dim).astype(np.float32)
+        self.actions: Floats = self._column(table, ACTION, self.spec.body.action_dim).astype(np.float32)
         self.success: NDArray[np.bool_] = self._column(table, SUCCESS, 1)[:, 0].astype(np.bool_)
         episode = self._column(table, "episode_index", 1)[:, 0]
         index = self._column(table, "index", 1)[:, 0]
@@ -164,8 +164,9 @@ class Demonstrations:
         steps = np.asarray(frames)[:, None] + np.arange(chunk_length)
         mask = steps < ends[:, None]
         actions = self.actions[np.minimum(steps, ends[:, None] - 1)]
-        moves = np.arange(actions.shape[-1]) % ACTION_DIM != ACTION_NAMES.index("gripper")
-        actions[..., moves] *= mask[..., None]
+        if not self.spec.body.joints:
+            moves = [not name.endswith(GRIPPER) for name in self.spec.body.action_names]
+            actions[..., moves] *= mask[..., None]
         return Batch(
             {camera: self.images(camera, frames) for camera in self.spec.cameras},
             self.states[frames],

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from robogauntlet.adapters.contract import Body
 from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics, padded
 from robogauntlet.policies.training.augmentation import change_words, shift
 from robogauntlet.policies.training.dataset import Batch, Demonstrations, open_datasets, pooled_hash
@@ -38,20 +39,21 @@ class DatasetMixture:
     def __init__(self, datasets: Sequence[Demonstrations]) -> None:
         """Split each dataset into training and held-out episodes.
 
-        Raises DatasetError without datasets, or if they differ in cameras or image size, or a task in its arms.
+        Raises DatasetError without datasets, or if they differ in cameras or image size, or a task in its body.
         """
         if not datasets:
             raise DatasetError("expected at least one dataset, got none")
         self.datasets = tuple(datasets)
         self.cameras, self.image_size = datasets[0].spec.cameras, datasets[0].spec.image_size
-        self.arms = max(dataset.spec.arms for dataset in datasets)
-        """Arms of the task that has most; `padded` gives the others' batches as many numbers."""
-        arms: dict[str, int] = {}
+        self.action_dim = max(dataset.spec.body.action_dim for dataset in datasets)
+        """Numbers of the task that has most; `padded` gives the others' batches as many."""
+        self.proprioception_dim = max(dataset.spec.body.proprioception_dim for dataset in datasets)
+        bodies: dict[str, Body] = {}
         for dataset in datasets:
-            if (expected := arms.setdefault(dataset.task, dataset.spec.arms)) != dataset.spec.arms:
+            if (expected := bodies.setdefault(dataset.task, dataset.spec.body)) != dataset.spec.body:
                 raise DatasetError(
-                    f"{dataset.folder}: expected {expected} arms, as in another dataset of {dataset.task}, "
-                    f"got {dataset.spec.arms}"
+                    f"{dataset.folder}: expected actions of {', '.join(expected.action_names)}, as in another dataset "
+                    f"of {dataset.task}, got {', '.join(dataset.spec.body.action_names)}"
                 )
             if (set(dataset.spec.cameras), dataset.spec.image_size) != (set(self.cameras), self.image_size):
                 raise DatasetError(
@@ -183,6 +185,6 @@ def _joined(parts: Sequence[Batch]) -> Batch:
 
 
 def _stacked(parts: Sequence[Floats]) -> Floats:
-    """Concatenate numbers of tasks of one arm and of two, with zeros for an arm that is not there."""
+    """Concatenate numbers of tasks, with zeros for those that a task does not have."""
     widest = max(part.shape[-1] for part in parts)
     return np.concatenate([padded(part, widest) for part in parts])

@@ -195,7 +195,7 @@ class DatasetWriter:
         _write_json(self.folder / STATS_FILE, self._statistics())
         info = {
             "codebase_version": CODEBASE_VERSION,
-            "robot_type": ROBOT,
+            "robot_type": self.source["task"].partition("/")[0] if self.spec.body.joints else ROBOT,
             "total_episodes": self.episodes,
             "total_frames": self.frames,
             "total_tasks": len(self._tasks),

@@ -108,7 +108,7 @@ def pretrain(
         PolicyError: Images that do not fit the architecture, or a folder that holds something else.
     """
     check_action_steps(action_steps, architecture)
-    architecture = architecture.with_arms(mixture.arms)
+    architecture = architecture.with_numbers(mixture.action_dim, mixture.proprioception_dim)
     check_data(mixture, architecture)
     model = build(architecture, settings.seed)
     if prepare is not None:
@@ -192,9 +192,10 @@ def check_data(mixture: DatasetMixture, architecture: Architecture) -> None:
             f"expected {architecture.image_size} px images for architecture '{architecture.name}', "
             f"the data has {mixture.image_size} px"
         )
-    expected, found = architecture.action_dim, architecture.with_arms(mixture.arms).action_dim
-    if expected < found:
-        raise TrainingError(f"expected actions of {expected} numbers, as the base's, the data has {found}")
+    for what in ("action_dim", "proprioception_dim"):
+        if (expected := getattr(architecture, what)) < (found := getattr(mixture, what)):
+            kind = "actions" if what == "action_dim" else "proprioception"
+            raise TrainingError(f"expected {kind} of {expected} numbers, as the base's, the data has {found}")
 
 
 @contextmanager
@@ -339,9 +340,10 @@ def _metrics(settings: Settings, mixture: DatasetMixture, history: History, obje
         "batch_size": settings.batch_size,
         "learning_rate": settings.learning_rate,
         "largest_shift": settings.largest_shift,
-        "changed_words": settings.changed_words,
         "frames": mixture.frames,
         f"train_{objective}": float(np.mean(history.losses[-RECENT:])),
         "seconds": round(history.seconds, 1),
     }
+    if settings.changed_words:
+        metrics["changed_words"] = settings.changed_words
     return metrics | ({f"held_out_{objective}": history.held_out[-1][1]} if history.held_out else {})

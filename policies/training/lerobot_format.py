@@ -19,25 +19,18 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import (
-    ACTION_DIM,
-    ACTION_NAMES,
-    PROPRIOCEPTION_DIM,
-    FloatArray,
-    Image,
-    names_of_arms,
-)
+from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, Body, FloatArray, Image
 from robogauntlet.policies.stored import StoredError
 
 CODEBASE_VERSION = "v3.0"
 INFO_FILE, STATS_FILE, TASKS_FILE = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
+ROBOT = "panda"
+"""`robot_type` where a tool is moved."""
 JOURNAL_FILE = "meta/robogauntlet.json"
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
 DATA_FILE = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 FILES_PER_CHUNK = 1000
 STATE, ACTION, SUCCESS = "observation.state", "action", "next.success"
-STATE_NAMES = ("x", "y", "z", "rx", "ry", "rz", "finger_left", "finger_right")
-ROBOT = "panda"
 PNG_LEVEL = 3
 MAX_FPS, MAX_SIZE = 10_000, 8192
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
@@ -57,15 +50,17 @@ class Recording:
     instruction: str
     control_hz: float
     states: FloatArray
-    """Proprioception before the step, shape (n, 8 * arms), see `robogauntlet.adapters.contract`."""
+    """Proprioception before the step, shape (n, numbers), see `robogauntlet.adapters.contract`."""
     actions: FloatArray
-    """Commanded actions, shape (n, 7 * arms), without the noise that was executed with them."""
+    """Commanded actions, shape (n, numbers), without the noise that was executed with them."""
     success: NDArray[np.bool_]
     """The task's predicate after the step, shape (n,)."""
     images: Mapping[str, Sequence[Image]]
     """Camera name to n images (size, size, 3)."""
     about: Mapping[str, str | int | float | bool] = field(default_factory=dict)
     """Additional columns of the episode's row under `meta/episodes`."""
+    body: Body = field(default_factory=Body)
+    """What acts."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +72,8 @@ class DatasetSpec:
     cameras: tuple[str, ...]
     image_size: int
     """Height and width (px)."""
-    arms: int = 1
-    """Arms that act, 1 or 2."""
+    body: Body = field(default_factory=Body)
+    """What acts."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +118,15 @@ def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
         raise ValueError(
             f"expected 1 to {MAX_FPS} frames per second and images of 1 to {MAX_SIZE} px, got fps {fps} and {size} px"
         )
-    arms = 2 if info["features"][ACTION]["shape"] == [2 * ACTION_DIM] else 1
-    return DatasetSpec(fps, tuple(images), size, arms)
+    return DatasetSpec(fps, tuple(images), size, _body(info["features"][ACTION]))
+
+
+def _body(action: Mapping[str, Any]) -> Body:
+    """Return the body whose numbers an action has; without their names, by its size, tools are moved."""
+    names = action["names"]
+    if isinstance(names, list) and names[-1:] == [GRIPPER] and len(names) > 1 and names[0] not in Body().action_names:
+        return Body(joints=tuple(map(str, names[:-1])))
+    return Body(2 if action["shape"] == [2 * ACTION_DIM] else 1)
 
 
 def encode_episode(recording: Recording) -> EncodedEpisode:
@@ -140,9 +142,8 @@ def encode_episode(recording: Recording) -> EncodedEpisode:
         raise DatasetError(f"expected at least one step and one camera, got {n} and {len(recording.images)}")
     stacked = {camera: np.stack(list(frames)) for camera, frames in recording.images.items()}
     size = next(iter(stacked.values())).shape[1]
-    arms = 2 if recording.actions.shape[1:] == (2 * ACTION_DIM,) else 1
-    _check_shape("states", recording.states, (n, PROPRIOCEPTION_DIM * arms))
-    _check_shape("actions", recording.actions, (n, ACTION_DIM * arms))
+    _check_shape("states", recording.states, (n, recording.body.proprioception_dim))
+    _check_shape("actions", recording.actions, (n, recording.body.action_dim))
     _check_shape("success", recording.success, (n,))
     for camera, frames in stacked.items():
         _check_shape(f"images of {camera}", frames, (n, size, size, 3))
@@ -153,7 +154,7 @@ def encode_episode(recording: Recording) -> EncodedEpisode:
     return EncodedEpisode(
         recording.seed,
         recording.instruction,
-        DatasetSpec(fps, tuple(stacked), size, arms),
+        DatasetSpec(fps, tuple(stacked), size, recording.body),
         states,
         actions,
         success,
@@ -206,13 +207,9 @@ def features(spec: DatasetSpec) -> dict[str, dict[str, Any]]:
     """Return the columns in the form of `meta/info.json`."""
     shape = [spec.image_size, spec.image_size, 3]
     names = ["height", "width", "channels"]
-
-    def numbers(of_one: Sequence[str]) -> list[str]:
-        return list(names_of_arms(of_one, spec.arms))
-
+    numbers = {STATE: spec.body.proprioception_names, ACTION: spec.body.action_names}
     return {
-        STATE: {"dtype": "float32", "shape": [PROPRIOCEPTION_DIM * spec.arms], "names": numbers(STATE_NAMES)},
-        ACTION: {"dtype": "float32", "shape": [ACTION_DIM * spec.arms], "names": numbers(ACTION_NAMES)},
+        **{key: {"dtype": "float32", "shape": [len(each)], "names": list(each)} for key, each in numbers.items()},
         **{image_key(camera): {"dtype": "image", "shape": shape, "names": names} for camera in spec.cameras},
         SUCCESS: {"dtype": "bool", "shape": [1], "names": None},
         "timestamp": {"dtype": "float32", "shape": [1], "names": None},

@@ -62,5 +62,6 @@ class Settings(Stored):
 
     @property
     def decisive(self) -> dict[str, object]:
-        """The settings that decide the weights, as plain JSON."""
-        return {name: value for name, value in asdict(self).items() if name not in ("save_s", "threads")}
+        """The settings that decide the weights, as plain JSON; words only if they are changed."""
+        idle = {"save_s", "threads"} | (set() if self.changed_words else {"changed_words"})
+        return {name: value for name, value in asdict(self).items() if name not in idle}

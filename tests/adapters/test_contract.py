@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, Goal, Observation, TaskDescription
+from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, Body, Goal, Joint, Observation, TaskDescription
 from robogauntlet.adapters.frames import proprioception
 
 
@@ -46,6 +46,31 @@ def test_other_numbers_of_arms_than_one_and_two_are_refused(arms):
     for make in (lambda: ActionSpec(0.02, 0.1, 20.0, arms=arms), lambda: TaskDescription("lift", 60, arms=arms)):
         with pytest.raises(ValueError, match=f"^arms: expected 1 or 2, found {arms}$"):
             make()
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ({"arms": 2, "joints": ("a", "b")}, "^arms: expected 1 with joints, found 2$"),
+        (
+            {"joints": ("a", "gripper")},
+            "^joints: .* none of an action of a tool, found 'gripper'$",
+        ),
+        ({"joints": ("a", "a")}, "^joints: expected a name for each, .* found 'a'$"),
+    ],
+)
+def test_joints_without_names_of_their_own_or_of_two_arms_are_refused(body, says):
+    with pytest.raises(ValueError, match=says):
+        Body(**body)
+
+
+def test_targets_of_joints_have_their_names_limits_and_largest_steps():
+    joints = (Joint("shoulder", -1.0, 2.0, 0.1), Joint("elbow", -0.5, 0.5, 0.2))
+    spec = ActionSpec(0.0, 0.0, 20.0, joints=joints)
+    assert spec.names == spec.body.proprioception_names == ("shoulder", "elbow", "gripper")
+    assert spec.low.tolist() == [-1.0, -0.5, -1.0]
+    assert spec.high.tolist() == [2.0, 0.5, 1.0]
+    assert spec.steps[:2].tolist() == [0.1, 0.2]
 
 
 def test_the_numbers_of_one_arm_have_no_prefix():

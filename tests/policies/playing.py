@@ -23,8 +23,8 @@ def steps_to_success(simulator, task, seeds, *, noise=0.0, horizons=1):
         simulation.reset(seed)
         for step in range(horizons * simulator.tasks[task].horizon):
             action = script(simulation.privileged_state())
-            assert (abs(action) <= spec.high + 1e-12).all()
-            action[moving] += noise * spec.high[moving] * generator.standard_normal(len(moving))
+            assert ((spec.low - 1e-12 <= action) & (action <= spec.high + 1e-12)).all()
+            action[moving] += noise * spec.steps[moving] * generator.standard_normal(len(moving))
             held = held + 1 if simulation.step(np.clip(action, spec.low, spec.high)).success else 0
             if held == SUCCESS_HOLD:
                 success = step + 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -37,6 +38,8 @@ FACTORS = {
     180.0 / np.pi: "actions taken for degrees",
 }
 """Factor of a wrong distance to its likely cause."""
+TURN, TURNING = 0.1, 15
+"""Change of a joint's target (rad), and steps until the arm is at rest."""
 GRIPPING = 15
 """Steps after which the fingers have arrived."""
 ORACLE_SEEDS = range(2)
@@ -45,7 +48,7 @@ ORACLE_SEEDS = range(2)
 def _lifted(subject: CheckedTask, arm: str, back: FloatArray | None = None) -> Simulation:
     """Bring an arm's tool to rest a little above the start, then execute some steps of `back`."""
     simulation = subject.reset()
-    height = min(0.02, simulation.action_spec.max_translation)
+    height = subject.length(0.02)
     for _ in range(3):
         simulation.step(subject.action(**{f"{arm}dz": height}))
     if back is not None:
@@ -66,7 +69,8 @@ def _translation(name: str) -> Check:
     @check(f"action-{name}", look="Simulation.step: scale, sign and frame (the robot's base) of the controller's input")
     def translation(subject: CheckedTask) -> Iterator[Violation]:
         """In steady motion, a translation moves the tool by as many metres, along its axis of the base frame."""
-        length = min(LENGTH, subject.simulation.action_spec.max_translation)
+        _of_tools_only(subject)
+        length = subject.length(LENGTH)
         distance = MEASURED * length
         for arm, sign in itertools.product(subject.arms, (1, -1)):
             action = subject.action(**{arm + name: sign * length})
@@ -106,6 +110,7 @@ def _rotation(name: str) -> Check:
     )
     def rotation(subject: CheckedTask) -> Iterator[Violation]:
         """In steady motion, a rotation turns the tool by as many radians about its axis of the base frame."""
+        _of_tools_only(subject)
         for arm in subject.arms:
             ignored = subject.ignores(arm + name)
             angle = ANGLE if ignored else min(ANGLE, subject.simulation.action_spec.max_rotation)
@@ -138,6 +143,52 @@ def _orientation(simulation: Simulation, arm: str) -> Rotation:
     return Rotation.from_quat(simulation.privileged_state()[f"{arm}tcp_quaternion"])
 
 
+@check("action-joints", look="Simulation.step: order, sign and unit (rad) of the targets; and tcp_jacobian")
+def joints(subject: CheckedTask) -> Iterator[Violation]:
+    """A joint turns as its target does, in radians, the others stay, and the tool moves as the Jacobian says."""
+    spec = subject.simulation.action_spec
+    if not spec.joints:
+        raise NotApplicable("an action moves the tool")
+    for place, joint in enumerate(spec.joints):
+        simulation = subject.reset()
+        for _ in range(TURNING):
+            simulation.step(subject.action())
+        before = simulation.privileged_state()
+        target = before["joint_targets"][place]
+        turn = TURN if target + TURN <= joint.high else -TURN
+        action = subject.action()
+        action[place] += turn
+        for _ in range(TURNING):
+            simulation.step(action)
+        after = simulation.privileged_state()
+        turned = after["joint_angles"] - before["joint_angles"]
+        others = np.abs(np.delete(turned, place)).max(initial=0.0)
+        yield from expect(
+            abs(turned[place] - turn) <= TOLERANCE * TURN and others <= SIDEWAYS * TURN,
+            f"{joint.name} to turn by {turn:+.2f} rad when its target does, and no other joint",
+            f"it turned by {turned[place]:+.3f} rad{hint(turned[place] / turn)}, another one by {others:.3f}",
+        )
+        moved = after["tcp_position"] - before["tcp_position"]
+        told = before["tcp_jacobian"][:3] @ turned
+        yield from expect(
+            np.linalg.norm(moved - told) <= TOLERANCE * max(float(np.linalg.norm(told)), LENGTH),
+            f"the tool to move by {np.round(told, 3).tolist()} m with {joint.name}, as tcp_jacobian says",
+            f"it moved by {np.round(moved, 3).tolist()}",
+        )
+        target = after["joint_targets"][place]
+        action[place] = joint.high if joint.high - target > target - joint.low else joint.low
+        simulation.step(action)
+        stepped = abs(simulation.privileged_state()["joint_targets"][place] - target)
+        expected = f"the target of {joint.name} to change by its `step`, {joint.step:g} rad, if more is asked for"
+        yield from expect(abs(stepped - joint.step) <= 1e-3, expected, f"{stepped:.3f} rad")
+
+
+def _of_tools_only(subject: CheckedTask) -> None:
+    """Skip the check where an action has the targets of joints."""
+    if subject.simulation.action_spec.joints:
+        raise NotApplicable("an action has the targets of joints")
+
+
 @check("action-gripper", look="Simulation.step and finger_positions: -1 opens, +1 closes")
 def gripper(subject: CheckedTask) -> Iterator[Violation]:
     """The gripper opens at -1 and closes at +1, unless it is declared ignored."""
@@ -145,9 +196,8 @@ def gripper(subject: CheckedTask) -> Iterator[Violation]:
         widths = {}
         for command in (-1.0, 1.0):
             simulation = subject.reset()
-            height = min(0.005, simulation.action_spec.max_translation)
             for _ in range(GRIPPING):
-                simulation.step(subject.action(**{f"{arm}dz": height, f"{arm}gripper": command}))
+                simulation.step(subject.action(**{f"{arm}dz": subject.length(0.005), f"{arm}gripper": command}))
             widths[command] = float(np.abs(simulation.privileged_state()[f"{arm}finger_positions"]).sum())
         seen = f"{widths[-1.0]:.3f} m apart after {GRIPPING} steps at -1, {widths[1.0]:.3f} m at +1"
         if subject.ignores(f"{arm}gripper"):
@@ -165,13 +215,14 @@ def gripper(subject: CheckedTask) -> Iterator[Violation]:
 def ignored(subject: CheckedTask) -> Iterator[Violation]:
     """Dimensions that are declared ignored have no effect, each other dimension has one."""
     spec = subject.simulation.action_spec
-    bounds = np.where(spec.high > 0.0, spec.high, ANGLE)
-    moving = subject.action(dx=0.5 * spec.max_translation, gripper=0.5)
+    subject.reset()
+    low, high = (np.where(bound != 0.0, bound, sign * ANGLE) for bound, sign in ((spec.low, -1), (spec.high, 1)))
+    moving = subject.action(dx=0.5 * subject.length(0.02), gripper=0.5)
     moving[spec.ignored_indices] = 0.0
     usual = _end(subject, moving)
     for number, name in enumerate(spec.names):
         differs = False
-        for value in (-bounds[number], bounds[number]):
+        for value in (low[number], high[number]):
             other = moving.copy()
             other[number] = value
             differs = differs or _end(subject, other) != usual
@@ -186,8 +237,12 @@ def clipped(subject: CheckedTask) -> Iterator[Violation]:
     """An action beyond the bounds is clipped to them."""
     spec = subject.simulation.action_spec
     signs = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0] * spec.arms)
+    if spec.joints:
+        signs = np.resize([1.0, -1.0], len(spec.high))
     signs[spec.ignored_indices] = 0.0
-    same = _end(subject, signs * spec.high) == _end(subject, 3.0 * signs * spec.high)
+    bounds = np.where(signs < 0.0, -spec.low, spec.high) * signs
+    steps = math.ceil(max((spec.high - spec.low) / spec.steps)) if spec.joints else 5
+    same = _end(subject, bounds, steps) == _end(subject, 3.0 * bounds, steps)
     yield from expect(same, "3 times the bounds to do what the bounds do", "another state after 5 steps")
 
 
@@ -202,10 +257,10 @@ def unchanged(subject: CheckedTask) -> Iterator[Violation]:
     yield from expect((given == action).all(), "the action as it was given", seen)
 
 
-def _end(subject: CheckedTask, action: FloatArray) -> str:
-    """State hash after 5 steps of an action."""
+def _end(subject: CheckedTask, action: FloatArray, steps: int = 5) -> str:
+    """State hash after some steps of an action."""
     simulation = subject.reset()
-    for _ in range(5):
+    for _ in range(steps):
         simulation.step(action.copy())
     return simulation.state_hash()
 
@@ -243,6 +298,7 @@ def oracle(subject: CheckedTask) -> Iterator[Violation]:
 CHECKS = (
     *(_translation(name) for name in ACTION_NAMES[:3]),
     *(_rotation(name) for name in ACTION_NAMES[3:6]),
+    joints,
     gripper,
     ignored,
     clipped,

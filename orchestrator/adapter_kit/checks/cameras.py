@@ -25,6 +25,8 @@ LIKE = 0.5
 """Lowest correlation with the image that the turned camera should show."""
 MOVED = 15
 """Difference of grey values above which a pixel shows motion."""
+REACH = 0.6, 2.0
+"""Distances from the base at which the camera may be aimed, by that of the tool at the start."""
 NEAR = 0.08
 """Largest distance of the motion from the fingers that close (share of the image)."""
 RAISED = 0.05
@@ -75,7 +77,7 @@ def upright(subject: CheckedTask) -> Iterator[Violation]:
         yield from expect(down[2] < 0.0, "the image's down to point down in the base frame", seen)
         return  # whether images follow the viewpoint is the check camera-viewpoint
     images = [simulation.observe().images[THIRD_PERSON]]
-    length = min(0.01, simulation.action_spec.max_translation)
+    length = subject.length(0.01)
     for _ in range(2):
         for _ in range(math.ceil(RAISED / length)):
             simulation.step(subject.action(dz=length))
@@ -178,8 +180,10 @@ def place(subject: CheckedTask) -> Iterator[Violation]:
         raise NotApplicable("the gripper does nothing in this task, so it cannot be distinguished from the arm")
     for arm in subject.arms:
         simulation = subject.reset()
+        # One jaw of a small arm may swing wide, and is near the tool at the end.
+        opened = 0.5 if simulation.action_spec.joints else -1.0
         for _ in range(10):
-            simulation.step(subject.action())
+            simulation.step(subject.action(**{f"{arm}gripper": opened}))
         before = simulation.picture()
         for _ in range(10):
             simulation.step(subject.action(**{f"{arm}gripper": 1.0}))
@@ -219,8 +223,10 @@ def aim(subject: CheckedTask) -> Iterator[Violation]:
     _third_person_only(subject)
     own = _cameras(subject).viewpoint(THIRD_PERSON)
     x, y, _ = aim_point(own, BASE_HEIGHT)
-    expected = "an optical axis that meets the base's height at x 0.3 to 0.9, y within 0.2 m"
-    yield from expect(0.3 < x < 0.9 and abs(y) < 0.2, expected, f"({x:.2f}, {y:.2f}) m")
+    reach = float(subject.reset().privileged_state()["tcp_position"][0])
+    near, far = REACH[0] * reach, REACH[1] * reach
+    expected = f"an optical axis that meets the base's height at x {near:.2f} to {far:.2f}, y within 0.2 m"
+    yield from expect(near < x < far and abs(y) < 0.2, expected, f"({x:.2f}, {y:.2f}) m")
     fovy = math.degrees(own.fovy)
     yield from expect(20.0 < fovy < 75.0, "a vertical field of view of 20 to 75 deg", f"{fovy:.0f} deg")
 

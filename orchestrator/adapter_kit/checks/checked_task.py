@@ -11,6 +11,7 @@ import numpy as np
 
 from robogauntlet.adapters.contract import (
     ARM_PREFIXES,
+    GRIPPER,
     AdapterError,
     FloatArray,
     Image,
@@ -130,16 +131,33 @@ class CheckedTask:
         """Return whether an action dimension is declared to have no effect."""
         return name in self.simulation.action_spec.ignored
 
+    def length(self, wanted: float) -> float:
+        """A translation of the tool (m), shortened to what the simulation accepts in a step."""
+        spec = self.simulation.action_spec
+        return wanted if spec.joints else min(wanted, spec.max_translation)
+
     def action(self, **values: float) -> FloatArray:
-        """An action (7 * arms,) with open grippers and the given numbers."""
-        names = self.simulation.action_spec.names
-        return np.array([values.get(name, -1.0 if name.endswith("gripper") else 0.0) for name in names])
+        """An action with open grippers and the given numbers; the targets of joints are moved as the tool would be."""
+        spec = self.simulation.action_spec
+        action = np.array([values.get(name, -1.0 if name.endswith(GRIPPER) else 0.0) for name in spec.names])
+        if not spec.joints:
+            return action
+        state, way = self.simulation.privileged_state(), [values.get(name, 0.0) for name in ("dx", "dy", "dz")]
+        action[:-1] = state["joint_targets"] + np.linalg.pinv(state["tcp_jacobian"][:3]) @ way
+        return action
 
     def random_actions(self, seed: int, count: int) -> FloatArray:
-        """Actions (count, 7 * arms), drawn uniformly within the bounds."""
-        spec = self.simulation.action_spec
+        """Actions, one in each of `count` rows, drawn uniformly within the bounds.
+
+        Joints walk at random from the present targets.
+        """
+        spec, generator = self.simulation.action_spec, np.random.default_rng(seed)
+        if spec.joints:
+            drawn = generator.uniform(-1.0, 1.0, (count, len(spec.names)))
+            drawn[:, :-1] = self.action()[:-1] + np.cumsum(TURN * drawn[:, :-1], axis=0)
+            return np.clip(drawn, spec.low, spec.high)
         scale = np.minimum(([STEP] * 3 + [TURN] * 3 + [1.0]) * spec.arms, spec.high)
-        return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(scale))) * scale
+        return generator.uniform(-1.0, 1.0, (count, len(scale))) * scale
 
     def close(self) -> None:
         """Close the task if it is open."""

@@ -7,8 +7,6 @@ import pstats
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-import numpy as np
-
 from robogauntlet.orchestrator.adapter_kit.checks.check import NotApplicable, Violation, check, expect
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask, changed
 
@@ -28,7 +26,7 @@ def present(subject: CheckedTask) -> Iterator[Violation]:
     """An observation shows the present."""
     simulation = subject.reset()
     before = simulation.observe()
-    height, sideways = np.minimum([0.01, 0.02], simulation.action_spec.max_translation)
+    height, sideways = map(subject.length, (0.01, 0.02))
     for _ in range(10):
         simulation.step(subject.action(dy=sideways, dz=height))
     after = simulation.observe()

@@ -59,7 +59,7 @@ def control_check(
 
 def play(subject: CheckedTask, steps: int = 8) -> str:
     """Execute a few steps that close the gripper, and return the state hash after them."""
-    length = min(0.01, subject.simulation.action_spec.max_translation)
+    length = subject.length(0.01)
     for _ in range(steps):
         subject.simulation.step(subject.action(dx=length, dz=-length, gripper=1.0))
     return subject.simulation.state_hash()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 
 import numpy as np
 
 from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
-    PROPRIOCEPTION_DIM,
     ActionSpec,
+    FloatArray,
+    Joint,
     Observation,
     ObservationSpec,
     StepOutcome,
@@ -21,12 +22,18 @@ from robogauntlet.orchestrator.adapter_kit.checks.check import Violation, check,
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CannotOpen, CheckedTask, describe
 from robogauntlet.suites.episode import CAMERAS
 
+BENT = 0.1
+"""Angle by which a joint may be beyond its limits (rad)."""
 FARTHEST = 2.0
 """Largest distance of a tool from the base of an arm on a table (m)."""
 WIDEST = 0.2
 """Largest distance of a finger from the middle (m)."""
 FLAT = 5.0
 """Standard deviation of the pixels below which an image shows nothing."""
+MOST_TURNED = 7.0
+"""Largest angle of a joint (rad)."""
+OF_JOINTS = {"max_translation": (0.0, 0.0, "m"), "max_rotation": (0.0, 0.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
+"""The same as `PER_STEP`, where an action has the targets of joints."""
 PER_STEP = {"max_translation": (1e-4, 0.2, "m"), "max_rotation": (0.0, 1.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
 """Plausible values for one control step: least, greatest, unit."""
 HEAVY = ("torch", "mujoco", "sapien", "pybullet", "gymnasium", "jax", "tensorflow", "cv2")
@@ -83,11 +90,18 @@ def specs(subject: CheckedTask) -> Iterator[Violation]:
         seen = f"{type(action).__name__}, {type(observed).__name__}"
         yield Violation("an ActionSpec and an ObservationSpec", seen)
         return
-    for name, (low, high, unit) in PER_STEP.items():
+    plausible = OF_JOINTS if action.joints else PER_STEP
+    for name, (low, high, unit) in plausible.items():
         value = getattr(action, name)
         yield from expect(low <= value <= high, f"{name} of {low:g} to {high:g} {unit}", f"{value:g}")
-    arms = subject.description.arms
+    for joint in action.joints:
+        known = -MOST_TURNED <= joint.low < joint.high <= MOST_TURNED and 0.0 < joint.step <= 1.0
+        expected = f"{joint.name} from low to high, within {MOST_TURNED:g} rad, and a step of at most 1 rad"
+        yield from expect(known, expected, f"{joint.low:g} to {joint.high:g}, step {joint.step:g}")
+    arms, joints = subject.description.arms, subject.description.joints
     yield from expect(action.arms == arms, f"{arms} as `arms`, as the TaskDescription says", f"{action.arms}")
+    same = action.body.joints == joints
+    yield from expect(same, f"joints {', '.join(joints)}, as the TaskDescription says", ", ".join(action.body.joints))
     unknown = set(action.ignored) - set(action.names)
     yield from expect(not unknown, f"`ignored` out of {', '.join(action.names)}", _listed(unknown))
     rotations = {name for name in action.names if name.endswith(("rx", "ry", "rz"))}
@@ -107,7 +121,10 @@ def observation(subject: CheckedTask) -> Iterator[Violation]:
         yield Violation("an Observation", type(seen).__name__)
         return
     cameras, size = subject.view.cameras, subject.view.image_size
-    numbers = PROPRIOCEPTION_DIM * len(subject.arms)
+    spec = subject.simulation.action_spec
+    numbers = spec.body.proprioception_dim
+    same = seen.of_joints == bool(spec.joints)
+    yield from expect(same, f"`of_joints` {bool(spec.joints)}, as the ActionSpec says", seen.of_joints)
     expected = f"images of {', '.join(cameras)}, in this order"
     yield from expect(tuple(seen.images) == cameras, expected, ", ".join(seen.images) or "none")
     for camera, image in seen.images.items():
@@ -134,18 +151,31 @@ def units(subject: CheckedTask) -> Iterator[Violation]:
     state, seen = simulation.privileged_state(), simulation.observe().proprioception
     for arm, own in zip(subject.arms, np.split(seen, len(subject.arms)), strict=True):
         part = f"{arm}proprioception"
-        positions = ((f"{arm}tcp_position", state[f"{arm}tcp_position"]), (f"{part}[:3]", own[:3]))
+        positions = [(f"{arm}tcp_position", state[f"{arm}tcp_position"]), (f"{part}[:3]", own[:3])]
+        if joints := simulation.action_spec.joints:
+            positions.pop()
         for name, position in positions:
             if not np.abs(position).max() < FARTHEST:
                 yield Violation(f"{name} within {FARTHEST:g} m of the base", _numbers(position))
             elif not (position[0] > 0.1 and abs(position[1]) < position[0]):
                 yield Violation(f"{name} in front of the base: x forward, y left", f"{_numbers(position)} m")
+        if joints:
+            yield from _joint_units(joints, part, own)
+            continue
         turn = float(np.linalg.norm(own[3:6]))
         expected = f"{part}[3:6] near (pi, 0, 0) rad, pointing down"
         yield from expect(abs(turn - np.pi) < 0.35, expected, f"{_numbers(own[3:6])}: {turn:.2f} long")
         for name, fingers in ((f"{arm}finger_positions", state[f"{arm}finger_positions"]), (f"{part}[6:]", own[6:])):
             near = np.abs(fingers).max() < WIDEST
             yield from expect(near, f"{name} within {WIDEST:g} m of the middle", _numbers(fingers))
+
+
+def _joint_units(joints: Sequence[Joint], part: str, own: FloatArray) -> Iterator[Violation]:
+    """Joints are within their limits, and the gripper within its scale, at the start."""
+    for joint, angle in zip(joints, own[:-1], strict=True):
+        expected = f"{joint.name} of {part} from {joint.low:g} to {joint.high:g} rad"
+        yield from expect(joint.low - BENT <= angle <= joint.high + BENT, expected, f"{angle:.3f}")
+    yield from expect(abs(own[-1]) <= 1.1, f"the gripper of {part} from -1 (open) to +1 (closed)", f"{own[-1]:.3f}")
 
 
 @check("privileged-state", look="Simulation.privileged_state")
@@ -157,11 +187,15 @@ def privileged_state(subject: CheckedTask) -> Iterator[Violation]:
         return
     expected_names = names_of_arms(("tcp_position", "tcp_quaternion", "finger_positions"), len(subject.arms))
     of_second = ("second_base_position", "second_base_quaternion") if len(subject.arms) == 2 else ()
-    for name in (*expected_names, *of_second):
+    width = len(subject.simulation.action_spec.joints)
+    of_joints = {"joint_angles": (width,), "joint_targets": (width,), "gripper": (1,), "tcp_jacobian": (6, width)}
+    for name in (*expected_names, *of_second, *(of_joints if width else ())):
         yield from expect(name in state, f"`{name}`", _listed(state.keys()))
-    shapes = {"_position": (3,), "_positions": (2,), "_quaternion": (4,)}
+    shapes: dict[str, tuple[int, ...]] = {"_position": (3,), "_positions": (2,), "_quaternion": (4,)}
     for name, value in state.items():
         shape = next((shape for end, shape in shapes.items() if name.endswith(end)), None)
+        if width:
+            shape = of_joints.get(name, shape)
         yield from _array(name, value, shape, np.dtype(np.float64))
         if name.endswith("_quaternion") and np.shape(value) == (4,):
             length = float(np.linalg.norm(value))
@@ -177,6 +211,11 @@ def proprioception(subject: CheckedTask) -> Iterator[Violation]:
         simulation.step(action)
     seen, state = simulation.observe().proprioception, simulation.privileged_state()
     for arm, own in zip(subject.arms, np.split(seen, len(subject.arms)), strict=True):
+        if subject.simulation.action_spec.joints:
+            true = np.append(state["joint_angles"], state["gripper"])
+            same = np.allclose(own, true, atol=1e-6, rtol=0.0)
+            yield from expect(same, f"joint_angles and gripper: {_numbers(true)}", _numbers(own))
+            continue
         turn = axis_angle(state[f"{arm}tcp_quaternion"])
         parts = {
             f"position, {arm}tcp_position": (own[:3], state[f"{arm}tcp_position"], 1e-6),
@@ -210,7 +249,7 @@ def state_hash(subject: CheckedTask) -> Iterator[Violation]:
     again = simulation.state_hash()
     yield from expect(again == before, "the same hash while nothing happens", f"{before}, then {again}")
     for _ in range(4):
-        simulation.step(subject.action(dz=subject.simulation.action_spec.max_translation))
+        simulation.step(subject.action(dz=subject.length(0.1)))
     moved = simulation.state_hash() != before
     yield from expect(moved, "another hash after the tool has moved", f"{before} again")
 

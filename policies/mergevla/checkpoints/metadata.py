@@ -17,7 +17,6 @@ from typing import Any, BinaryIO, ClassVar, Self
 from pydantic import StrictInt
 from pydantic.dataclasses import dataclass
 
-from robogauntlet.adapters.contract import ACTION_DIM
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.hub import OnHub, check_download
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
@@ -213,8 +212,8 @@ def check_action_steps(steps: int | None, architecture: Architecture) -> None:
 
 
 def check_statistics(statistics: TaskStatistics, architecture: Architecture) -> None:
-    """Raise CheckpointError if statistics are of more arms than the architecture has."""
-    if (numbers := ACTION_DIM * max(statistics.arms)) > architecture.action_dim:
+    """Raise CheckpointError if statistics are of more numbers than the architecture has."""
+    if (numbers := max(statistics.action_dims)) > architecture.action_dim:
         raise CheckpointError(
             f"expected statistics of actions of {architecture.action_dim} numbers, as the network's, got of {numbers}"
         )

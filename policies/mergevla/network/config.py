@@ -176,9 +176,9 @@ class Architecture(Stored):
                 f"got {len(self.cameras)}, {self.prompt_tokens} and {self.action_queries}"
             )
 
-    def with_arms(self, arms: int) -> Architecture:
-        """Return the same network with the numbers of one arm or of two."""
-        return replace(self, action_dim=ACTION_DIM * arms, proprioception_dim=PROPRIOCEPTION_DIM * arms)
+    def with_numbers(self, action_dim: int, proprioception_dim: int) -> Architecture:
+        """Return the same network for actions and proprioception of these sizes."""
+        return replace(self, action_dim=action_dim, proprioception_dim=proprioception_dim)
 
     @property
     def width(self) -> int:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,8 +20,6 @@ from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM, Float
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.stored import STRICT, Stored
 
-GRIPPER = 6
-"""Index of the gripper in an arm's action. It is -1 .. +1 already with only two values, so quantiles are not used."""
 SMALLEST_RANGE = 1e-6
 """A number that varies by less (m, rad) is constant: it is normalised to 0."""
 
@@ -87,13 +87,8 @@ class Quantiles:
         return low, high - low
 
 
-def arms_in(action: Quantiles) -> int:
-    """Return the number of arms whose actions have these ranges: 2 for 14 numbers, else 1."""
-    return 2 if len(action.q01) == 2 * ACTION_DIM else 1
-
-
 def padded(values: ArrayLike, numbers: int) -> NDArray[Any]:
-    """Return values (..., n) with zeros after them, shape (..., `numbers`): an arm that a task does not have."""
+    """Return values (..., n) with zeros after them, shape (..., `numbers`): what a task does not have."""
     given = np.asarray(values)
     return np.pad(given, [(0, 0)] * (given.ndim - 1) + [(0, numbers - given.shape[-1])])
 
@@ -106,48 +101,61 @@ class Statistics(Stored):
     refusal: ClassVar = StatisticsError
 
     action: Quantiles
-    """Ranges of 7 numbers for each arm (m, rad, gripper), see `robogauntlet.adapters.contract`."""
+    """Ranges of the numbers of an action (m, rad, gripper), see `robogauntlet.adapters.contract`."""
     proprioception: Quantiles
-    """Ranges of 8 numbers for each arm (m, rad, m)."""
+    """Ranges of the numbers of proprioception (m, rad, m)."""
 
     def __post_init__(self) -> None:
-        arms = arms_in(self.action)
-        for name, quantiles, dim in (
-            ("action", self.action, ACTION_DIM * arms),
-            ("proprioception", self.proprioception, PROPRIOCEPTION_DIM * arms),
-        ):
-            if len(quantiles.q01) != dim:
-                raise StatisticsError(f"expected {name} statistics of {dim} numbers, got {len(quantiles.q01)}")
+        numbers, seen = len(self.action.q01), len(self.proprioception.q01)
+        tools = {ACTION_DIM * arms: PROPRIOCEPTION_DIM * arms for arms in (1, 2)}
+        if numbers != seen and numbers in tools and seen != tools[numbers]:
+            raise StatisticsError(f"expected proprioception statistics of {tools[numbers]} numbers, got {seen}")
+        if numbers != seen and numbers not in tools:
+            raise StatisticsError(f"expected action statistics of {ACTION_DIM} numbers, got {numbers}")
+
+    @property
+    def of_joints(self) -> bool:
+        """Whether the numbers are those of joints, as many in proprioception as in an action."""
+        return len(self.action.q01) == len(self.proprioception.q01)
 
     @classmethod
     def of(cls, actions: ArrayLike, proprioceptions: ArrayLike) -> Statistics:
-        """Return the statistics of actions (n, 7 * arms) and proprioceptions (n, 8 * arms).
+        """Return the statistics of actions and proprioceptions, (n, numbers) each.
 
         Raises StatisticsError for other shapes, no samples, or samples that are not finite.
         """
-        quantiles = Quantiles.of(actions)
-        if len(quantiles.q01) == ACTION_DIM * arms_in(quantiles):
-            quantiles = quantiles.widened(LEAST_SPAN * arms_in(quantiles))
-        return cls(quantiles, Quantiles.of(proprioceptions))
+        return cls(Quantiles.of(actions), Quantiles.of(proprioceptions)).widened()
+
+    def widened(self) -> Statistics:
+        """Return the statistics with the least spans of a tool's motion; the targets of joints range over radians."""
+        if self.of_joints:
+            return self
+        least = LEAST_SPAN * (len(self.action.q01) // ACTION_DIM)
+        return replace(self, action=self.action.widened(least))
 
     def normalise_actions(self, actions: ArrayLike) -> FloatArray:
-        """Map actions (..., 7 * arms) to [-1, 1]; grippers are only clipped."""
+        """Map actions (..., numbers) to [-1, 1]; grippers are only clipped."""
         given = np.asarray(actions, dtype=np.float64)
         return self._with_gripper(self.action.normalise(given), given)
 
     def restore_actions(self, normalised: ArrayLike) -> FloatArray:
-        """The inverse of `normalise_actions` within its range, shape (..., 7 * arms)."""
+        """The inverse of `normalise_actions` within its range, shape (..., numbers)."""
         given = np.asarray(normalised, dtype=np.float64)
         return self._with_gripper(self.action.restore(given), given)
 
     def normalise_proprioception(self, proprioception: ArrayLike) -> FloatArray:
-        """Map proprioception (..., 8 * arms) to [-1, 1]."""
+        """Map proprioception (..., numbers) to [-1, 1]."""
         return self.proprioception.normalise(proprioception)
 
     def _with_gripper(self, actions: FloatArray, given: FloatArray) -> FloatArray:
-        grippers = slice(GRIPPER, None, ACTION_DIM)
+        """Take the grippers as given: they are -1 .. +1 already, with only two values as a rule."""
+        of_arm = len(self.action.q01) if self.of_joints else ACTION_DIM
+        grippers = slice(of_arm - 1, None, of_arm)
         actions[..., grippers] = np.clip(given[..., grippers], -1.0, 1.0)
         return actions
+
+
+_action, _proprioception = attrgetter("action"), attrgetter("proprioception")
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -155,7 +163,7 @@ class TaskStatistics(Stored):
     """Statistics by task: the same number may range over centimetres in one task and over decimetres in another.
 
     Statistics of a single task are used for every task, so that an expert can be evaluated on tasks it was not trained
-    on. In a network of two arms, a task of one has the first numbers, and the others are zeros (`padded`).
+    on. In a network with more numbers than a task has, the task has the first, and the others are zeros (`padded`).
     """
 
     what: ClassVar = "normalisation statistics by task"
@@ -174,9 +182,9 @@ class TaskStatistics(Stored):
         return tuple(self.by_task)
 
     @property
-    def arms(self) -> frozenset[int]:
-        """The numbers of arms that the tasks have."""
-        return frozenset(arms_in(one.action) for one in self.by_task.values())
+    def action_dims(self) -> frozenset[int]:
+        """The sizes of the tasks' actions."""
+        return frozenset(len(one.action.q01) for one in self.by_task.values())
 
     def of(self, task: str) -> Statistics:
         """Return the statistics for a task. Raises StatisticsError if there are several tasks', but not this one's."""
@@ -190,46 +198,48 @@ class TaskStatistics(Stored):
         """Return one set of statistics for all tasks, under that name: the smallest ranges that contain all of theirs.
 
         Quantiles of all frames together would cut off motions that one task of many has. Raises StatisticsError for
-        tasks of one arm and of two.
+        tasks with actions of several sizes.
         """
-        if len(self.arms) > 1:
+        if len({(len(one.action.q01), one.of_joints) for one in self.by_task.values()}) > 1:
+            sizes = " and ".join(map(str, sorted(self.action_dims)))
             raise StatisticsError(
-                f"expected tasks of one number of arms for expert '{name}', got 1 and 2; train an expert of each"
+                f"expected actions of the same numbers in the tasks of expert '{name}', got {sizes}; "
+                "train an expert of each"
             )
         every = self.by_task.values()
         action = Quantiles.spanning([one.action for one in every])
-        action = action.widened(LEAST_SPAN * arms_in(action))
-        return TaskStatistics({name: Statistics(action, Quantiles.spanning([one.proprioception for one in every]))})
+        joined = Statistics(action, Quantiles.spanning([one.proprioception for one in every]))
+        return TaskStatistics({name: joined.widened()})
 
     def is_used(self, tasks: Sequence[str], numbers: int) -> NDArray[np.bool_]:
         """Return which numbers of a network's action each of b tasks has, shape (b, numbers)."""
         return np.array([np.arange(numbers) < len(self.of(task).action.q01) for task in tasks])
 
     def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:
-        """Map actions (b, ..., 7 * arms) of b tasks to [-1, 1]."""
-        return self._each(tasks, actions, Statistics.normalise_actions, ACTION_DIM)
+        """Map actions (b, ..., numbers) of b tasks to [-1, 1]."""
+        return self._each(tasks, actions, Statistics.normalise_actions, _action)
 
     def restore_actions(self, tasks: Sequence[str], normalised: ArrayLike) -> FloatArray:
-        """The inverse of `normalise_actions` within its range, shape (b, ..., 7 * arms)."""
-        return self._each(tasks, normalised, Statistics.restore_actions, ACTION_DIM)
+        """The inverse of `normalise_actions` within its range, shape (b, ..., numbers)."""
+        return self._each(tasks, normalised, Statistics.restore_actions, _action)
 
     def normalise_proprioception(self, tasks: Sequence[str], proprioception: ArrayLike) -> FloatArray:
-        """Map proprioception (b, 8 * arms) of b tasks to [-1, 1]."""
-        return self._each(tasks, proprioception, Statistics.normalise_proprioception, PROPRIOCEPTION_DIM)
+        """Map proprioception (b, numbers) of b tasks to [-1, 1]."""
+        return self._each(tasks, proprioception, Statistics.normalise_proprioception, _proprioception)
 
     def _each(
         self,
         tasks: Sequence[str],
         values: ArrayLike,
         change: Callable[[Statistics, ArrayLike], FloatArray],
-        of_arm: int,
+        ranges: Callable[[Statistics], Quantiles],
     ) -> FloatArray:
         given = np.asarray(values, dtype=np.float64)
         changed = np.zeros_like(given)
         for task in set(tasks):
             rows = [row for row, name in enumerate(tasks) if name == task]
             statistics = self.of(task)
-            used = slice(of_arm * arms_in(statistics.action))
+            used = slice(len(ranges(statistics).q01))
             changed[rows, ..., used] = change(statistics, given[rows][..., used])
         return changed
 

@@ -45,7 +45,7 @@ class MergedPolicy:
 
     def __init__(self, model: MergedModel, router: Router) -> None:
         torch.set_num_threads(1)
-        self.spec = merged_spec(model.architecture, model.parts.statistics.arms, model.expert_of, router.name)
+        self.spec = merged_spec(model.architecture, model.parts.statistics.action_dims, model.expert_of, router.name)
         self._model, self._router = model, router
         self._chosen: dict[str, str] = {}
         if router.passes(len(model.experts)):
@@ -131,12 +131,13 @@ def checked_spec(options: MergedOptions) -> PolicySpec:
     checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
     router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
     tasks: Collection[str] = checkpoint.metadata.instructions
-    arms = checkpoint.metadata.statistics.arms
+    action_dims = checkpoint.metadata.statistics.action_dims
     if options.recipe is not None and options.experts is not None:
         tasks = folders = expert_folders(options.experts)
         _check_recipe(options.recipe, folders, options.router, checkpoint)
-        arms = frozenset().union(*(CheckpointMetadata.read(folder).statistics.arms for folder in folders.values()))
-    return merged_spec(checkpoint.metadata.architecture, arms, tasks, options.router)
+        experts = [CheckpointMetadata.read(folder).statistics for folder in folders.values()]
+        action_dims = frozenset().union(*(one.action_dims for one in experts))
+    return merged_spec(checkpoint.metadata.architecture, action_dims, tasks, options.router)
 
 
 def _version(folder: Path) -> tuple[Path, int]:

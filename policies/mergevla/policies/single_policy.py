@@ -79,9 +79,9 @@ class Network:
 
     @torch.inference_mode()
     def chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
-        """Return the actions for B observations, by one forward pass, shape (B, n, 7 * arms), in the contract's units.
+        """Return the actions for B observations, by one forward pass, shape (B, n, numbers), in the contract's units.
 
-        n is `action_steps`, or the chunk's length; arms are the network's. `tasks` names the statistics for each
+        n is `action_steps`, or the chunk's length; the numbers are the network's. `tasks` names the statistics for each
         observation. Raises PolicyError for observations that do not fit the network, or a task without statistics.
         """
         device = next(self.model.parameters()).device
@@ -106,7 +106,7 @@ def load_network(reference: str | Path, device: torch.device) -> Network:
 def chunks_by(
     observations: Sequence[Observation], tasks: Sequence[str], keys: Sequence[Key], network: Callable[[Key], Network]
 ) -> list[FloatArray]:
-    """Return an action chunk for each observation, in order, of its own arms; each network runs in its own batches.
+    """Return an action chunk for each observation, in order, of its own numbers; each network runs in its own batches.
 
     Args:
         observations: Observations.
@@ -144,7 +144,7 @@ class MergeVLAPolicy(StatelessPolicy):
         )
         if isinstance(checkpoints, Path):
             network = self._network(checkpoints)
-            self.spec = policy_spec(network.model.architecture, network.statistics.arms)
+            self.spec = policy_spec(network.model.architecture, network.statistics.action_dims)
             return
         self.spec = experts_spec({task: CheckpointMetadata.read(folder) for task, folder in checkpoints.items()})
 

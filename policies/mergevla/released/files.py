@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import read_tensors
 from robogauntlet.policies.mergevla.network.normalisation import Quantiles, Statistics, StatisticsError, TaskStatistics
 from robogauntlet.policies.mergevla.released.names import released_names
@@ -130,6 +131,10 @@ def read_statistics(path: Path) -> TaskStatistics:
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         problem = f"no {error}" if isinstance(error, KeyError) else first_line(error)
         raise ReleasedError(f"expected the statistics of a data set in '{path}', got: {problem}") from None
+    for one in by_task.values():
+        if (sizes := (len(one.action.q01), len(one.proprioception.q01))) != (ACTION_DIM, PROPRIOCEPTION_DIM):
+            expected = f"{ACTION_DIM} numbers of action and {PROPRIOCEPTION_DIM} of proprioception"
+            raise ReleasedError(f"'{path}': expected statistics of {expected}, got of {sizes[0]} and {sizes[1]}")
     if len(by_task) != 1:
         raise ReleasedError(f"expected the statistics of one data set in '{path}', got {', '.join(by_task) or 'none'}")
     return TaskStatistics(by_task)

@@ -11,12 +11,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from robogauntlet.adapters.contract import ACTION_NAMES, GRIPPER
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import check_finite, write_folder
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet.policies.mergevla.network.config import QWEN, Architecture, PaperCodeQuirks, Towers
 from robogauntlet.policies.mergevla.network.lora import BACKBONE
 from robogauntlet.policies.mergevla.network.model import empty, trunk
-from robogauntlet.policies.mergevla.network.normalisation import GRIPPER, Quantiles, Statistics, TaskStatistics
+from robogauntlet.policies.mergevla.network.normalisation import Quantiles, Statistics, TaskStatistics
 from robogauntlet.policies.mergevla.released.files import STATISTICS, ReleasedError, read_files
 from robogauntlet.policies.mergevla.released.names import (
     DINOV2_POSITIONS,
@@ -150,8 +151,8 @@ def converted(released: Tensor, source: Source) -> Tensor:
             return released[0].clone()
     if source.name not in FINAL:
         return released.contiguous()
-    changed = released.clone()
-    changed[GRIPPER] = -2 * released[GRIPPER].float() + (1.0 if source.name == FINAL[1] else 0.0)
+    changed, gripper = released.clone(), ACTION_NAMES.index(GRIPPER)
+    changed[gripper] = -2 * released[gripper].float() + (1.0 if source.name == FINAL[1] else 0.0)
     return changed
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.catalog import arms_of
-from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, FloatArray, Observation
+from robogauntlet.adapters.catalog import body_of
+from robogauntlet.adapters.contract import FloatArray, Observation
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError
 from robogauntlet.suites.episode import RenderProfile, View, content_hash
 from robogauntlet.support.errors import first_line
@@ -34,7 +34,7 @@ class ObservationCache:
     images: NDArray[np.uint8]
     """Shape (n, cameras, H, W, 3)."""
     proprioception: FloatArray
-    """Shape (n, 8 * arms), in the units of `robogauntlet.adapters.contract`."""
+    """Shape (n, numbers), in the units of `robogauntlet.adapters.contract`."""
     instructions: tuple[str, ...]
     """Instruction of each episode."""
 
@@ -44,8 +44,8 @@ class ObservationCache:
         if self.images.shape != images or self.images.dtype != np.uint8:
             given = f"{self.images.shape} of {self.images.dtype}"
             raise RoutingError(f"{self.task}: expected images of shape {images} of uint8, got {given}")
-        arms = arms_of(self.task)
-        if self.proprioception.shape != (count, PROPRIOCEPTION_DIM * arms) or len(self.instructions) != count:
+        numbers = body_of(self.task).proprioception_dim
+        if self.proprioception.shape != (count, numbers) or len(self.instructions) != count:
             given = f"{self.proprioception.shape} and {len(self.instructions)} instructions"
             raise RoutingError(
                 f"{self.task}: expected proprioception and an instruction of {count} episodes, got {given}"

@@ -7,7 +7,12 @@ import pytest
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS, actions, resources, types
 from robogauntlet.orchestrator.adapter_kit.checks.check import Outcome
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
-from tests.orchestrator.adapter_kit import camera_variants, object_variants, two_arm_variants  # noqa: F401  register them
+from tests.orchestrator.adapter_kit import (  # noqa: F401  register them
+    camera_variants,
+    joint_variants,
+    object_variants,
+    two_arm_variants,
+)
 from tests.orchestrator.adapter_kit.variants import VARIANTS
 
 VIOLATIONS = [
@@ -94,6 +99,14 @@ VIOLATIONS = [
     ("saysithasonearm", "specs", "1 as `arms`, as the TaskDescription says; seen: 2"),
     ("hidesthesecondarm", "privileged-state", "`second_tcp_position`"),
     ("hidesthesecondbase", "privileged-state", "`second_base_position`"),
+    ("jointsindegrees", "action-joints", "first to turn by +0.10 rad when its target does"),
+    ("jointsswapped", "action-joints", "first to turn by +0.10 rad when its target does, and no other joint; seen: "),
+    ("jacobianofanotherarm", "action-joints", "with first, as tcp_jacobian says"),
+    ("jointsunlimited", "action-clipped", "3 times the bounds to do what the bounds do"),
+    ("slowjoints", "action-joints", "the target of first to change by its `step`, 0.3 rad, if more is asked for"),
+    ("ofatool", "observation", "`of_joints` True, as the ActionSpec says; seen: False"),
+    ("otherjoints", "specs", "joints shoulder, elbow, wrist, as the TaskDescription says; seen: first, second, third"),
+    ("hidesthetargets", "privileged-state", "`joint_targets`"),
     ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
     ("keepsfiles", "closes", "2 more file descriptor(s)"),
     ("keepsthreads", "closes", "2 more Python thread(s)"),
@@ -115,7 +128,13 @@ def test_each_broken_promise_is_reported_in_a_line_by_its_check(subject, variant
 
 @pytest.mark.parametrize("check", sorted({check for _, check, _ in VIOLATIONS}))
 def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, check):
-    special = {"objects-box": "movestheball", "objects-move": "movestheball", "culling": "culls", "motion": "moves"}
+    special = {
+        "objects-box": "movestheball",
+        "objects-move": "movestheball",
+        "culling": "culls",
+        "motion": "moves",
+        "action-joints": "jointsarecorrect",
+    }
     correct = special.get(check, "correct")
     assert {result.outcome for result in CHECKS[check].run(subject(correct))} == {Outcome.PASSED}
 
@@ -123,6 +142,11 @@ def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, ch
 @pytest.mark.parametrize("check", sorted({c.name for c in (*types.CHECKS, *actions.CHECKS)} - {"oracle"}))
 def test_a_correct_adapter_of_two_arms_fails_no_check_of_its_numbers(subject, check):
     assert Outcome.FAILED not in {result.outcome for result in CHECKS[check].run(subject("botharecorrect"))}
+
+
+@pytest.mark.parametrize("check", sorted({c.name for c in (*types.CHECKS, *actions.CHECKS)} - {"oracle"}))
+def test_a_correct_adapter_of_joints_fails_no_check_of_its_numbers(subject, check):
+    assert Outcome.FAILED not in {result.outcome for result in CHECKS[check].run(subject("jointsarecorrect"))}
 
 
 def test_culling_is_not_checked_where_all_shapes_are_drawn(subject):

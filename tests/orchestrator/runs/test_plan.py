@@ -7,7 +7,7 @@ from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.runs import suite_policies
 from robogauntlet.orchestrator.runs.plan import NO_POLICY, find_suite, make_plan, why_impossible, why_unadjusted
 from robogauntlet.orchestrator.runs.plan import fitted as fitted_lines
-from robogauntlet.orchestrator.runs.suite_policies import one_of_each_number_of_arms
+from robogauntlet.orchestrator.runs.suite_policies import one_of_each_body
 from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
@@ -157,7 +157,7 @@ def test_a_suite_that_needs_a_policy_takes_its_image_size_and_leaves_out_tasks_i
 @pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
 def test_a_function_is_asked_about_the_first_task_with_one_arm_and_the_first_with_two(order):
     tasks = ("robosuite/Lift", "null/Reach", "robosuite/TwoArmLift@TwoPandas")
-    asked = {task.instruction for task in one_of_each_number_of_arms(tasks[order])}
+    asked = {task.instruction for task in one_of_each_body(tasks[order])}
     known = task_descriptions()
     first = "robosuite/Lift" if order.step is None else "null/Reach"
     assert asked == {known[first].instruction, known[tasks[2]].instruction}

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from robogauntlet.adapters.contract import Body
 from robogauntlet.policies.training.dataset import Demonstrations, find_datasets, pooled_hash
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
 from robogauntlet.policies.training.lerobot_format import DatasetError, image_key
@@ -49,7 +50,7 @@ def test_recorded_episodes_are_read_back(dataset, recordings):
 
 
 def test_demonstrations_of_two_arms_are_read_back_and_mixed_with_those_of_one(tmp_path, dataset):
-    recorded = recording(states=np.ones((12, 16)), actions=np.full((12, 14), 0.5))
+    recorded = recording(states=np.ones((12, 16)), actions=np.full((12, 14), 0.5), body=Body(2))
     write(tmp_path / "two", [recorded], task="null/Two")
     read = Demonstrations(tmp_path / "two")
     assert np.array_equal(read.actions, recorded.actions.astype(np.float32))
@@ -65,12 +66,26 @@ def test_demonstrations_of_two_arms_are_read_back_and_mixed_with_those_of_one(tm
     assert batch.actions[~of_one, 0, 7:].all()
 
 
-def test_a_task_has_one_number_of_arms(tmp_path):
+def test_a_task_has_one_body(tmp_path):
     write(tmp_path / "one", [recording()])
-    write(tmp_path / "two", [recording(states=np.ones((12, 16)), actions=np.zeros((12, 14)))])
+    write(tmp_path / "two", [recording(states=np.ones((12, 16)), actions=np.zeros((12, 14)), body=Body(2))])
     datasets = [Demonstrations(tmp_path / name) for name in ("one", "two")]
-    with one_line_error(DatasetError, "two: expected 1 arms, as in another dataset of null/Reach, got 2"):
+    expected = "two: expected actions of dx, .*, gripper, as in another dataset of null/Reach, got dx, .*second_gripper"
+    with one_line_error(DatasetError, expected):
         DatasetMixture(datasets)
+
+
+def test_demonstrations_with_the_targets_of_joints_are_read_back_with_their_names(tmp_path):
+    body = Body(joints=("shoulder", "elbow"))
+    recorded = recording(states=np.ones((12, 3)), actions=np.full((12, 3), 0.5), body=body)
+    write(tmp_path, [recorded])
+    read = Demonstrations(tmp_path)
+    assert read.spec.body == body
+    assert np.array_equal(read.actions, recorded.actions.astype(np.float32))
+    assert np.array_equal(read.batch(np.array([11])).actions[0], np.full((8, 3), 0.5))
+    mixture = DatasetMixture([read])
+    assert (mixture.action_dim, mixture.proprioception_dim) == (3, 3)
+    assert mixture.statistics.of("null/Reach").of_joints
 
 
 def test_a_chunk_ends_with_its_episode(dataset, recordings):

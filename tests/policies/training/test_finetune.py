@@ -307,6 +307,11 @@ def test_changed_words_come_from_the_sentence_or_are_random(instructions, seed, 
         assert share or before == after
 
 
+def test_settings_without_changed_words_are_those_of_older_trainings():
+    assert "changed_words" not in QUICK.decisive
+    assert replace(QUICK, changed_words=0.3).decisive == QUICK.decisive | {"changed_words": 0.3}
+
+
 def test_a_third_of_the_changed_words_each_is_left_out_replaced_and_followed_by_another():
     words = change_words(["cube " * 3000], np.random.default_rng(0), 0.6)[0].split()
     kept = words.count("cube")

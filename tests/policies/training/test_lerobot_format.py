@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from robogauntlet.adapters.contract import Body
 from robogauntlet.policies.training.lerobot_format import (
     DatasetError,
     decode_png,
@@ -85,7 +86,7 @@ def test_the_columns_are_those_that_lerobot_expects():
 
 
 def test_the_columns_of_two_arms_name_the_numbers_of_each():
-    episode = encode_episode(recording(states=np.zeros((12, 16)), actions=np.zeros((12, 14))))
+    episode = encode_episode(recording(states=np.zeros((12, 16)), actions=np.zeros((12, 14)), body=Body(2)))
     columns = features(episode.spec)
     assert columns["action"]["shape"] == [14]
     assert columns["action"]["names"][6:8] == ["gripper", "second_dx"]

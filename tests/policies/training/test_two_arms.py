@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from robogauntlet.adapters.contract import Observation
+from robogauntlet.adapters.contract import Body, Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Query
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
@@ -38,7 +38,9 @@ def trained(tmp_path_factory):
     """A base of both tasks in `base`, and an expert of each in `experts`."""
     folder = tmp_path_factory.mktemp("two-arms")
     recorded = [episode(FIRST_TRAINING_SEED + seed) for seed in range(6)]
-    both = [replace(one, states=np.tile(one.states, 2), actions=np.tile(one.actions, 2)) for one in recorded]
+    both = [
+        replace(one, states=np.tile(one.states, 2), actions=np.tile(one.actions, 2), body=Body(2)) for one in recorded
+    ]
     write(folder / "Two", both, per_file=1, task=TWO)
     dataset(folder, "One")
     pretrain(DatasetMixture.open([folder / "One", folder / "Two"]), SMALL, folder / "base", QUICK)
@@ -124,4 +126,4 @@ def test_demonstrations_of_two_arms_do_not_fit_a_base_of_one(trained, tmp_path):
 def test_statistics_of_more_arms_than_the_network_has_are_refused(trained):
     metadata = load_checkpoint(trained / "experts" / "Two").metadata
     with one_line_error(CheckpointError, "expected statistics of actions of 7 numbers, as the network's, got of 14"):
-        replace(metadata, architecture=metadata.architecture.with_arms(1))
+        replace(metadata, architecture=metadata.architecture.with_numbers(7, 8))

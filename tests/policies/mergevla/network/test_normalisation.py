@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robogauntlet.policies.mergevla.network.normalisation import (
-    GRIPPER,
     Quantiles,
     Statistics,
     StatisticsError,
@@ -47,9 +46,9 @@ def test_a_constant_number_is_normalised_to_zero_and_restored():
 def test_the_gripper_is_only_clipped():
     statistics = some_statistics()
     actions = np.zeros((3, 7))
-    actions[:, GRIPPER] = [-1.0, 0.25, 3.0]
-    assert statistics.normalise_actions(actions)[:, GRIPPER].tolist() == [-1.0, 0.25, 1.0]
-    assert statistics.restore_actions(actions)[:, GRIPPER].tolist() == [-1.0, 0.25, 1.0]
+    actions[:, 6] = [-1.0, 0.25, 3.0]
+    assert statistics.normalise_actions(actions)[:, 6].tolist() == [-1.0, 0.25, 1.0]
+    assert statistics.restore_actions(actions)[:, 6].tolist() == [-1.0, 0.25, 1.0]
 
 
 def test_statistics_are_read_back_from_json():
@@ -114,9 +113,10 @@ def test_in_a_network_of_two_arms_a_task_of_one_has_the_first_numbers_and_zeros_
     assert statistics.is_used(tasks, 14).tolist() == [[True] * 7 + [False] * 7, [True] * 14]
 
 
-def test_an_expert_of_several_tasks_has_one_number_of_arms():
+def test_an_expert_of_several_tasks_has_actions_of_the_same_numbers():
     statistics = TaskStatistics({"a/one": some_statistics(), "a/two": Statistics.of(np.eye(14), np.eye(16))})
     with one_line_error(
-        StatisticsError, "expected tasks of one number of arms for expert 'both', got 1 and 2; train an expert of each"
+        StatisticsError,
+        "expected actions of the same numbers in the tasks of expert 'both', got 7 and 14; train an expert of each",
     ):
         statistics.together("both")

@@ -266,7 +266,7 @@ STATISTICS = {
     "a list": ([], "expected the statistics of a data set"),
     "fourteen numbers": (
         {"a": {part: {"q01": [0.0] * 14, "q99": [1.0] * 14} for part in ("action", "proprio")}},
-        "expected proprioception statistics of 16 numbers, got 14",
+        "expected statistics of 7 numbers of action and 8 of proprioception, got of 14 and 14",
     ),
 }
 
