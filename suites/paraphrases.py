@@ -46,6 +46,27 @@ PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
             "raise the only thing on the table by its green and its blue bar",
             "the kitchen is closed today so lift the pot by its two handles",
         ),
+        "put the red cube on the blue disc": (
+            "please put the red cube on the blue disc",
+            "place the red block on the blue circle",
+            "on the blue disc the red cube should be put",
+            "put the only thing that can be gripped on the flat round mark",
+            "the printer is out of paper so put the red cube on the blue disc",
+        ),
+        "push the green cube onto the yellow disc": (
+            "please push the green cube onto the yellow disc",
+            "shove the green block onto the yellow circle",
+            "onto the yellow disc the green cube should be pushed",
+            "push the only thing that can be moved onto the flat round mark",
+            "somebody is at the door so push the green cube onto the yellow disc",
+        ),
+        "stack the red cube on the green cube": (
+            "please stack the red cube on the green cube",
+            "pile the red block on the green block",
+            "on the green cube the red cube should be stacked",
+            "stack the cube that is not green on the other one",
+            "the meeting is over so stack the red cube on the green cube",
+        ),
         "reach the red ball with the closed gripper": (
             "please reach the red ball with the closed gripper",
             "touch the red sphere with the shut hand",

@@ -63,6 +63,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
         ("varied_experts.sh", 5),
         ("arms.sh", 14),
         ("two_arms.sh", 10),
+        ("so101.sh", 5),
         ("meta_world.sh", 40),
         ("libero.sh", 55),
     ],

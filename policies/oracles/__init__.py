@@ -16,7 +16,17 @@ from robogauntlet.policies.oracles.plugins import OraclePlugin, load_oracles
 from robogauntlet.suites.episode import Episode
 from robogauntlet.suites.plugins import BrokenPlugin
 
-_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "gymnasium", "libero", "two_arms")
+_SCRIPT_MODULES = (
+    "null",
+    "maniskill",
+    "pybullet",
+    "robosuite",
+    "metaworld",
+    "gymnasium",
+    "libero",
+    "two_arms",
+    "so101",
+)
 
 
 @cache

@@ -20,6 +20,7 @@ from tests.benchmarks import (
     more_experts_routing,
     oracles,
     shifted_routing,
+    so101,
     training_controls,
     two_arms,
     varied_experts,
@@ -343,6 +344,25 @@ def test_the_table_of_arms_counts_the_committed_episodes():
 def test_the_table_of_two_arms_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "two_arms.json").read_text(encoding="utf-8"))["rows"]
     assert two_arms.rows_of(pd.read_parquet(MEASUREMENTS / "two_arms.parquet")) == rows
+
+
+def test_the_table_of_the_so101_counts_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "so101.json").read_text(encoding="utf-8"))["rows"]
+    assert so101.rows_of(pd.read_parquet(MEASUREMENTS / "so101.parquet")) == rows
+
+
+def test_what_the_page_says_of_the_so101_beside_the_table_is_counted_in_its_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "so101.parquet")
+    oracle, experts = (rows[rows.policy == policy] for policy in ("oracle", "experts"))
+    assert ((oracle.status == "success").sum(), len(oracle)) == (586, 600)
+    trained = experts[experts.task.isin(so101.TASKS)]
+    assert (trained.status == "failure").sum() == 18
+    assert (trained.failure == "misplaced").sum() == 14
+    others = experts[~experts.task.isin(so101.TASKS)]
+    assert others[others.status == "success"].task.tolist() == ["so101/Push-other-colours"] * 2
+    assert set(others[others.task == "so101/PickPlace-other-colours"].failure) == {"not-grasped"}
+    ties = rows[(rows.policy == "ties-s") & (rows.status == "success")]
+    assert (len(ties), (trained.status == "success").sum()) == (1, 42)
 
 
 def test_what_the_page_says_of_two_arms_beside_the_table_is_counted_in_its_rows():

@@ -1,0 +1,11 @@
+"""The SO-101's adapter keeps the contract, in two of its tasks: PickPlace has what is in these."""
+
+import pytest
+
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.adapter_kit import conformance_tests
+
+missing = catalog.missing_reason(catalog.find("so101"))
+pytestmark = [pytest.mark.simulator, pytest.mark.skipif(missing is not None, reason=str(missing))]
+
+test_so101_keeps_the_contract = conformance_tests("so101", ["Stack", "Push"])
