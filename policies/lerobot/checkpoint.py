@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
-from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM
+from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicySpec
 from robogauntlet.policies.hub import check_download
 from robogauntlet.policies.lerobot.child import observes_every_step
@@ -62,7 +62,10 @@ class Checkpoint:
 
     def digest(self) -> str:
         """Return the hash of the checkpoint's files and of the conversions; not of its folder or device."""
-        conversion = self.options.model_dump(mode="json", exclude={"checkpoint", "device", "python", "timeout_s"})
+        left_out = {"checkpoint", "device", "python", "timeout_s"}
+        if self.options.joints is None:  # Digests from before there were joints stay.
+            left_out |= {"joints", "joint_scale"}
+        conversion = self.options.model_dump(mode="json", exclude=left_out)
         states = [(path, path.stat()) for path in files(self.folder)]
         hashes = [
             [path.name, _content(os.path.realpath(path), state.st_mtime_ns, state.st_size)] for path, state in states
@@ -128,10 +131,12 @@ def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], action
         raise mismatch(f"cameras: expected a feature of the checkpoint, {', '.join(shapes)}; got {unknown[0]}")
     if lacking := [name for name in shapes if name != ACTION and name not in given]:
         raise mismatch(f"the checkpoint needs {lacking[0]}, which no option provides; see docs/lerobot.md")
-    if state is not None and shapes[state] != (PROPRIOCEPTION_DIM,):
+    numbers = options.width if options.joints else PROPRIOCEPTION_DIM
+    if state is not None and shapes[state] != (numbers,):
+        meaning = "joints, gripper" if options.joints else "position, axis-angle, fingers"
+        hint = "" if options.joints else "; for the joints of an SO-101 give option convention: so101"
         raise mismatch(
-            f"expected {state} of {PROPRIOCEPTION_DIM} numbers (position, axis-angle, fingers), the checkpoint was "
-            f"trained on {shapes[state]}"
+            f"expected {state} of {numbers} numbers ({meaning}), the checkpoint was trained on {shapes[state]}{hint}"
         )
     sizes = {shapes[name][1:] for name in options.cameras.values()}
     if len(sizes) > 1:
@@ -148,9 +153,9 @@ def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], action
         raise mismatch(f"columns: expected the {options.width} columns of an action among the checkpoint's {width}")
     execute = min(actions, options.execute or actions)
     cameras = tuple(options.cameras)
-    return PolicySpec(
-        PolicyInput.OBSERVATION, execute, cameras=cameras, image_size=size[0] if size and not wanted else None
-    )
+    square = size[0] if size and not wanted else None
+    action_dim = options.width if options.joints else ACTION_DIM
+    return PolicySpec(PolicyInput.OBSERVATION, execute, action_dim, cameras, square)
 
 
 def _folder(checkpoint: str) -> Path:

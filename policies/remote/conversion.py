@@ -51,11 +51,25 @@ def encode_observation(convention: Convention, observation: Observation, episode
     }
     if convention.proprioception is not None:
         state = observation.proprioception
-        is_plain = convention.convention == "robogauntlet"
-        message[convention.proprioception] = state if is_plain else libero.native_proprioception(episode.task, state)
+        if bool(convention.joints) != observation.of_joints or (convention.joints and len(state) != convention.width):
+            wanted = f"{convention.joints} joints" if convention.joints else "a tool that is moved"
+            shown = f"{len(state) - 1} joints" if observation.of_joints else "a tool that is moved"
+            raise PolicyMismatch(f"expected a task with {wanted}, {episode.task} has {shown}; see option joints")
+        if convention.joints:
+            state = _native_joints(convention, state)
+        elif convention.convention == "libero":
+            state = libero.native_proprioception(episode.task, state)
+        message[convention.proprioception] = state
     if convention.instruction is not None:
         message[convention.instruction] = observation.instruction
     return message
+
+
+def _native_joints(convention: Convention, state: FloatArray) -> FloatArray:
+    """Return the angles of joints and the gripper's number (n + 1,) in the units of the convention."""
+    closed = (state[-1] + 1.0) / 2.0
+    gripper = convention.gripper_open + closed * (convention.gripper_closed - convention.gripper_open)
+    return np.append(state[:-1] / np.asarray(convention.joint_scale), gripper)
 
 
 def turn_image(convention: Convention, image: Image) -> Image:
@@ -84,7 +98,7 @@ def resize_image(convention: Convention, image: Image) -> Image:
 
 
 def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArray:
-    """Return an answer's chunk, shape (n, 7), in the units of `robogauntlet.adapters.contract`.
+    """Return an answer's chunk, shape (n, 7) or (n, joints + 1), in the units of `robogauntlet.adapters.contract`.
 
     Raises PolicyMismatch if the chunk is missing, too short or too narrow, or not finite.
     """
@@ -96,16 +110,20 @@ def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArra
             raise PolicyMismatch(f"option execute: expected {convention.execute} actions or more, got {len(rows)}")
         rows = rows[: convention.execute]
     read = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
-    rotations = as_axis_angles(convention, read[:, 3:-1])
-    chunk = np.concatenate([read[:, :3] * convention.translation_scale, rotations, read[:, -1:]], axis=1)
+    if convention.joints:
+        moved = read[:, :-1] * np.asarray(convention.joint_scale)
+    else:
+        rotations = as_axis_angles(convention, read[:, 3:-1])
+        moved = np.concatenate([read[:, :3] * convention.translation_scale, rotations], axis=1)
+    chunk = np.concatenate([moved, read[:, -1:]], axis=1)
     if columns[-1] is not None:
         span = convention.gripper_closed - convention.gripper_open
         if convention.gripper_threshold is None and (convention.gripper_open, convention.gripper_closed) == (-1.0, 1.0):
             pass  # already in the contract's units, so nothing is rounded
         elif convention.gripper_threshold is None:
-            chunk[:, 6] = 2.0 * (chunk[:, 6] - convention.gripper_open) / span - 1.0
+            chunk[:, -1] = 2.0 * (chunk[:, -1] - convention.gripper_open) / span - 1.0
         else:
-            chunk[:, 6] = np.where((chunk[:, 6] - convention.gripper_threshold) * span > 0, 1.0, -1.0)
+            chunk[:, -1] = np.where((chunk[:, -1] - convention.gripper_threshold) * span > 0, 1.0, -1.0)
     return chunk
 
 

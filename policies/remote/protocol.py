@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM, Observation, names_of_arms
+from robogauntlet.adapters.contract import ACTION_DIM, Body, Observation
 from robogauntlet.policies.contract import Decision, Policy, PolicyInput, PolicySpec, Query, Routing, StatelessPolicy
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, CAMERA_KEYS, INSTRUCTION_KEY, STATE_KEY
@@ -22,10 +22,13 @@ from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import Episode
 
 VERSION = 1
-EPISODE, STEP, FINISHED, TRUE_STATE, ROUTING = (
-    f"robogauntlet/{name}" for name in ("episode", "step", "finished", "privileged_state", "routing")
+EPISODE, STEP, FINISHED, TRUE_STATE, ROUTING, OF_JOINTS = (
+    f"robogauntlet/{name}" for name in ("episode", "step", "finished", "privileged_state", "routing", "of_joints")
 )
 UNITS = "metres, radians (axis-angle), gripper -1 open to +1 closed; robot base frame"
+JOINT_UNITS = "targets of joints in radians, gripper -1 open to +1 closed"
+MOST_NUMBERS = 64
+"""Of an observation's proprioception."""
 
 _EPISODE, _ROUTING = TypeAdapter(Episode), TypeAdapter(Routing)
 
@@ -57,15 +60,15 @@ def greeting_of(policy: Policy, digest: str) -> Greeting:
 def as_metadata(greeting: Greeting) -> dict[str, Any]:
     """Return the metadata frame, which other clients can read; RoboGauntlet's client reads its part `robogauntlet`."""
     spec = greeting.spec
-    arms = (spec.action_dim or ACTION_DIM) // ACTION_DIM
+    body = _body(spec)
     return {
-        "action_dim": ACTION_DIM * arms,
+        "action_dim": body.action_dim,
         "action_horizon": spec.chunk_length,
-        "action_names": list(names_of_arms(ACTION_NAMES, arms)),
-        "action_units": UNITS,
+        "action_names": list(body.action_names),
+        "action_units": JOINT_UNITS if body.joints else UNITS,
         "cameras": {camera: CAMERA_KEYS[camera] for camera in spec.cameras},
         "image_size": spec.image_size,
-        "state_dim": PROPRIOCEPTION_DIM * arms,
+        "state_dim": body.proprioception_dim,
         "robogauntlet": {"version": VERSION, **_GREETING.dump_python(greeting, mode="json")},
     }
 
@@ -104,6 +107,8 @@ def as_message(query: Query, finished: Sequence[str]) -> dict[str, Any]:
         observation = query.observation
         message |= {CAMERA_KEYS[camera]: image for camera, image in observation.images.items()}
         message |= {STATE_KEY: observation.proprioception, INSTRUCTION_KEY: observation.instruction}
+        if observation.of_joints:
+            message[OF_JOINTS] = True
     if query.privileged_state is not None:
         message[TRUE_STATE] = dict(query.privileged_state)
     return message
@@ -152,10 +157,13 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
         keys = ", ".join(sorted(map(str, message)))[:200]
         raise PackingError(f"expected an image as {needed}, got none among {keys}")
     state = message.get(STATE_KEY)
-    sizes = [PROPRIOCEPTION_DIM * arms for arms in (1, 2) if spec.action_dim in (None, ACTION_DIM * arms)]
+    of_joints = message.get(OF_JOINTS) is True or bool(_body(spec).joints)
+    sizes = range(2, MOST_NUMBERS + 1) if of_joints else [Body(arms).proprioception_dim for arms in (1, 2)]
+    if spec.action_dim is not None:
+        sizes = [spec.action_dim if of_joints else _body(spec).proprioception_dim]
     if not isinstance(state, np.ndarray) or state.dtype.kind not in "iuf" or state.shape not in [(n,) for n in sizes]:
         got = f"shape {state.shape}" if isinstance(state, np.ndarray) else f"a {type(state).__name__}"
-        wanted = " or ".join(map(str, sizes))
+        wanted = f"2 to {MOST_NUMBERS}" if isinstance(sizes, range) else " or ".join(map(str, sizes))
         raise PackingError(f"expected an array of {wanted} numbers as {STATE_KEY}, got {got}")
     instruction = message.get(INSTRUCTION_KEY, "")
     if isinstance(instruction, np.ndarray) and instruction.ndim == 0:
@@ -165,7 +173,15 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
     if len(instruction) > LONGEST_INSTRUCTION:
         expected = f"expected at most {LONGEST_INSTRUCTION} characters as {INSTRUCTION_KEY}"
         raise PackingError(f"{expected}, got {len(instruction)}")
-    return Observation(images, state.astype(np.float64), str(instruction))
+    return Observation(images, state.astype(np.float64), str(instruction), of_joints)
+
+
+def _body(spec: PolicySpec) -> Body:
+    """Return the body of as many numbers; of another number than that of tools, it has joints."""
+    numbers = ACTION_DIM if spec.action_dim is None else spec.action_dim
+    if numbers in (ACTION_DIM, 2 * ACTION_DIM):
+        return Body(numbers // ACTION_DIM)
+    return Body(joints=tuple(f"joint_{number}" for number in range(1, numbers)))
 
 
 def _image(key: str, value: Any, spec: PolicySpec) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import Image
+from robogauntlet.adapters.contract import ACTION_DIM, Image
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote.connection import ServerConnection, packed
 from robogauntlet.policies.remote.conversion import (
@@ -45,7 +45,8 @@ class RemotePolicy:
             self._read_greeting()
             self._digest = self.digest()
         execute = options.execute or MAX_ACTIONS
-        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, cameras=tuple(options.cameras))
+        numbers = options.width if options.joints else ACTION_DIM
+        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, numbers, tuple(options.cameras))
         if options.identity is None and self._greeting is not None and options.is_plain:
             self.spec = self._greeting.spec
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlsplit
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from robogauntlet.adapters.contract import ACTION_DIM
@@ -26,6 +28,15 @@ Seconds = Annotated[float, Field(gt=0, le=3600)]
 Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
 
 
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "libero": libero.OPTIONS,
+    "so101": {"joints": 5, "joint_scale": math.pi / 180.0, "gripper_open": 100.0, "gripper_closed": 0.0},
+}
+"""Convention to the options that it sets."""
+OF_TOOLS = {"translation_scale", "rotation", "rotation_scale"}
+"""Options that have no meaning for joints."""
+
+
 class Convention(BaseModel):
     """Conversion of observations for an external policy, and of its answers.
 
@@ -34,12 +45,13 @@ class Convention(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    convention: Literal["robogauntlet", "libero"] = "robogauntlet"
-    """robogauntlet, or libero for policies trained on LIBERO's own data, which sets turn, rotation and the scales"""
+    convention: Literal["robogauntlet", "libero", "so101"] = "robogauntlet"
+    """robogauntlet, or libero for policies trained on LIBERO's own data, which sets turn, rotation and the scales, or
+    so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers"""
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """camera to the server's key"""
     proprioception: Key | None = STATE_KEY
-    """key of the eight numbers; null to leave them out"""
+    """key of the eight numbers, or of joints and gripper; null to leave them out"""
     instruction: Key | None = INSTRUCTION_KEY
     """key of the goal in words; null to leave it out"""
     image_size: Size | tuple[Size, Size] | None = None
@@ -51,7 +63,8 @@ class Convention(BaseModel):
     actions: Key = ACTIONS_KEY
     """key of the chunk in the answer"""
     columns: tuple[Annotated[int, Field(strict=True, ge=0, le=255)] | None, ...] | None = None
-    """columns of the answer for dx dy dz rx ry rz gripper (with a quaternion four, not three); null for 0"""
+    """columns of the answer for dx dy dz rx ry rz gripper (with a quaternion four, not three), or joints and gripper;
+    null for 0"""
     translation_scale: float = 1.0
     """metres per unit of the answer"""
     rotation: Literal["axis-angle", "euler", "quaternion-xyzw", "quaternion-wxyz"] = "axis-angle"
@@ -64,6 +77,11 @@ class Convention(BaseModel):
     """the answer's number for closed"""
     gripper_threshold: float | None = None
     """beyond this number, seen from open, the gripper closes, else it opens; by default it also stops in between"""
+    joints: Annotated[int, Field(strict=True, ge=1, le=32)] | None = None
+    """number of joints whose targets the answer has before that of the gripper, and whose angles are sent in place of
+    the eight numbers; by default the answer moves the tool"""
+    joint_scale: float | tuple[float, ...] = 1.0
+    """radians per unit of a joint, in the answer and in what is sent: of all, or a list"""
     execute: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
     """actions of a chunk that are executed at most; fewer in an answer are an error"""
 
@@ -75,23 +93,38 @@ class Convention(BaseModel):
         keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
         if len(set(keys)) < len(keys):
             raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
+        joints = self.width - 1 if self.has_joints else 0
         if self.columns is not None and len(self.columns) != self.width:
-            kind = "" if self.width == ACTION_DIM else f" for a {self.rotation}"
+            kind = (
+                " for joints and gripper" if joints else f" for a {self.rotation}" if self.turns_by_quaternion else ""
+            )
             raise ValueError(f"columns: expected {self.width} places{kind}, got {len(self.columns)}")
         if self.turns_by_quaternion and self.columns is not None and set(self.columns[3:7]) == {None}:
             raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
         if self.turns_by_quaternion and self.rotation_scale != 1.0:
             raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
-        conflicting = sorted(self.model_fields_set & libero.OPTIONS.keys())
-        if self.convention == "libero" and conflicting:
-            raise ValueError(f"expected no {' and no '.join(conflicting)}, which convention libero sets")
+        if conflicting := sorted(self.model_fields_set & PRESETS.get(self.convention, {}).keys()):
+            raise ValueError(f"expected no {' and no '.join(conflicting)}, which convention {self.convention} sets")
+        if joints and (of_tools := sorted(self.model_fields_set & OF_TOOLS)):
+            raise ValueError(f"expected no {' and no '.join(of_tools)} beside joints, whose targets are no motion")
+        if not joints and "joint_scale" in self.model_fields_set:
+            raise ValueError("joint_scale: expected joints, their number, beside it")
+        scales = np.ravel(self.joint_scale)
+        if not scales.all() or len(scales) not in (1, joints):
+            given = scales.tolist()
+            raise ValueError(f"joint_scale: expected a number other than 0, or one for each of joints, got {given}")
         if self.gripper_open == self.gripper_closed:
             raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
         return self
 
     def resolved(self) -> Self:
         """Return a copy with the options that its convention sets."""
-        return self.model_copy(update=libero.OPTIONS) if self.convention == "libero" else self
+        return self.model_copy(update=PRESETS.get(self.convention))
+
+    @property
+    def has_joints(self) -> bool:
+        """Whether the answer has targets of joints, by option or convention."""
+        return bool(self.joints or "joints" in PRESETS.get(self.convention, {}))
 
     @property
     def turns_by_quaternion(self) -> bool:
@@ -101,6 +134,8 @@ class Convention(BaseModel):
     @property
     def width(self) -> int:
         """Number of columns that are read of an answer's row."""
+        if self.has_joints:
+            return int(self.joints or PRESETS[self.convention]["joints"]) + 1
         return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
 
 
@@ -170,7 +205,10 @@ class ServerOptions(Convention):
 
 
 _TRANSPORT = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
-_ADDED_DEFAULTS = (("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle"))
+_ADDED_DEFAULTS = (
+    *(("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle")),
+    *(("joints", None), ("joint_scale", 1.0)),
+)
 """Defaults of options that were added later: left out of the digest, so that older digests stay the same."""
 CONVENTION_OPTIONS = {name: field.description or "" for name, field in Convention.model_fields.items()}
 OPTIONS = {name: field.description or "" for name, field in ServerOptions.model_fields.items()}

@@ -124,6 +124,17 @@ def test_a_checkpoint_trained_on_liberos_data_uses_its_convention(bare):
     assert (options.turn, options.translation_scale, options.rotation_scale) == ("left-right", 0.0131, 0.118)
 
 
+def test_a_checkpoint_of_an_so101_plays_its_tasks_and_no_others(bare):
+    six = {"observation.images.front": {"shape": [3, 32, 32]}, "observation.state": {"shape": [6]}}
+    folder = bare(input_features=six, output_features={"action": {"shape": [6]}})
+    spec = catalog.spec("lerobot", {"checkpoint": str(folder), "convention": "so101"})
+    assert spec.can_act_in("so101/Stack")
+    assert not spec.can_act_in("robosuite/Lift")
+    hint = "expected observation.state of 8 numbers .*; for the joints of an SO-101 give option convention: so101"
+    with one_line_error(PolicyError, hint):
+        catalog.spec("lerobot", {"checkpoint": str(folder)})
+
+
 def test_a_checkpoint_sets_chunk_length_and_image_size(bare):
     spec = read_checkpoint({"checkpoint": str(bare())}).spec
     assert (spec.chunk_length, spec.cameras, spec.image_size) == (3, ("third_person",), 32)

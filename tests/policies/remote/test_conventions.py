@@ -6,9 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.policies.contract import PolicyMismatch
-from robogauntlet.policies.remote.conversion import decode_chunk, turn_image
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
+from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, turn_image
+from robogauntlet.policies.remote.protocol import as_message, query_in
 from robogauntlet.policies.remote.server_options import read_options
+from robogauntlet.suites.episode import Episode, Protocol
+from tests.errors import one_line_error
 
 SEEDS = st.integers(0, 2**32 - 1)
 AS_WRITTEN = {
@@ -74,3 +78,61 @@ def test_options_added_later_do_not_change_the_hash_of_policies_without_them():
     assert "rotation" not in server_options().declaration()
     digests = {server_options(**options).digest("x") for options in ({}, {"turn": "half"}, {"rotation": "euler"})}
     assert len(digests) == 3
+
+
+SO101 = {"convention": "so101"}
+
+
+@given(SEEDS)
+def test_degrees_of_an_so101_are_sent_and_read_back_as_radians(seed):
+    state = np.append(np.random.default_rng(seed).uniform(-1.5, 1.5, 5), 0.5)
+    observation = Observation({"third_person": np.zeros((8, 8, 3), np.uint8)}, state, "stack", of_joints=True)
+    options = server_options(**SO101, cameras={"third_person": "image"})
+    sent = encode_observation(options, observation, Episode("p", "p", "so101/Stack", 0, Protocol(8)))
+    np.testing.assert_allclose(sent["observation/state"], [*np.degrees(state[:5]), 25.0])
+    answer = {"actions": sent["observation/state"][None]}
+    np.testing.assert_allclose(decode_chunk(options, answer), state[None])
+
+
+def test_other_joints_have_a_scale_each_and_columns_of_their_own():
+    options = {"joints": 2, "joint_scale": [0.1, 0.01], "columns": [2, 1, 0], "gripper_open": 0.0}
+    rows = np.array([[1.0, 50.0, 3.0]])
+    np.testing.assert_allclose(decode_chunk(server_options(**options), {"actions": rows}), [[0.3, 0.5, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"joints": 5, "rotation": "euler"}, "expected no rotation beside joints, whose targets are no motion"),
+        ({"joints": 5, "joint_scale": [1.0, 2.0]}, r"joint_scale: .* one for each of joints, got \[1.0, 2.0\]"),
+        ({"joints": 5, "joint_scale": 0.0}, r"joint_scale: expected a number other than 0"),
+        ({**SO101, "joints": 6}, "expected no joints, which convention so101 sets"),
+        ({**SO101, "columns": [0] * 7}, "columns: expected 6 places for joints and gripper, got 7"),
+        ({**SO101, "rotation": "euler"}, "expected no rotation beside joints"),
+        ({"joint_scale": 0.5}, "joint_scale: expected joints, their number, beside it"),
+        ({"joints": 0}, "joints: "),
+    ],
+)
+def test_options_of_joints_that_do_not_fit_are_one_line(options, says):
+    with one_line_error(PolicyError, says):
+        server_options(**options)
+
+
+@pytest.mark.parametrize(("options", "of_joints", "numbers"), [(SO101, False, 8), ({}, True, 6), (SO101, True, 7)])
+def test_a_task_of_other_numbers_is_refused_in_one_line(options, of_joints, numbers):
+    shown = Observation({"third_person": np.zeros((8, 8, 3), np.uint8)}, np.zeros(numbers), "go", of_joints)
+    given = server_options(**options, cameras={"third_person": "image"})
+    with one_line_error(PolicyMismatch, "expected a task with .*, so101/Stack has .*; see option joints"):
+        encode_observation(given, shown, Episode("p", "p", "so101/Stack", 0, Protocol(8)))
+
+
+@pytest.mark.parametrize("action_dim", [None, 6])
+def test_an_observation_of_joints_passes_a_server_of_robogauntlet_unchanged(action_dim):
+    spec = PolicySpec(PolicyInput.OBSERVATION, 8, action_dim)
+    episode = Episode("p", "p", "so101/Stack", 0, Protocol(8))
+    images = {"third_person": np.zeros((8, 8, 3), np.uint8)}
+    asked = Query(episode, 3, Observation(images, np.arange(6.0), "stack", of_joints=True))
+    received = query_in(as_message(asked, []), episode, 3, spec).observation
+    assert received.of_joints
+    assert received.action_dim == 6
+    np.testing.assert_array_equal(received.proprioception, np.arange(6.0))
