@@ -25,8 +25,8 @@ LIKE = 0.5
 """Lowest correlation with the image that the turned camera should show."""
 MOVED = 15
 """Difference of grey values above which a pixel shows motion."""
-REACH = 0.6, 2.0
-"""Distances from the base at which the camera may be aimed, by that of the tool at the start."""
+NEAREST, REACH = 0.3, 0.6
+"""Least distance from the base at which a camera is aimed (m), and as a share of the tool's own if that is less."""
 NEAR = 0.08
 """Largest distance of the motion from the fingers that close (share of the image)."""
 RAISED = 0.05
@@ -223,10 +223,9 @@ def aim(subject: CheckedTask) -> Iterator[Violation]:
     _third_person_only(subject)
     own = _cameras(subject).viewpoint(THIRD_PERSON)
     x, y, _ = aim_point(own, BASE_HEIGHT)
-    reach = float(subject.reset().privileged_state()["tcp_position"][0])
-    near, far = REACH[0] * reach, REACH[1] * reach
-    expected = f"an optical axis that meets the base's height at x {near:.2f} to {far:.2f}, y within 0.2 m"
-    yield from expect(near < x < far and abs(y) < 0.2, expected, f"({x:.2f}, {y:.2f}) m")
+    near = min(NEAREST, REACH * float(subject.reset().privileged_state()["tcp_position"][0]))
+    expected = f"an optical axis that meets the base's height at x {near:.2g} to 0.9, y within 0.2 m"
+    yield from expect(near < x < 0.9 and abs(y) < 0.2, expected, f"({x:.2f}, {y:.2f}) m")
     fovy = math.degrees(own.fovy)
     yield from expect(20.0 < fovy < 75.0, "a vertical field of view of 20 to 75 deg", f"{fovy:.0f} deg")
 
