@@ -8,4 +8,4 @@ from robogauntlet.orchestrator.adapter_kit import conformance_tests
 missing = catalog.missing_reason(catalog.find("so101"))
 pytestmark = [pytest.mark.simulator, pytest.mark.skipif(missing is not None, reason=str(missing))]
 
-test_so101_keeps_the_contract = conformance_tests("so101", ["Stack", "Push"])
+test_so101_keeps_the_contract = conformance_tests("so101", tasks=["Stack", "Push"])
