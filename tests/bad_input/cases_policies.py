@@ -84,7 +84,7 @@ OPTIONS = {
     "openpi://127.0.0.1:1 --option token_variable=WANDB_API_KEY": "token_variable: expected ROBOGAUNTLET_POLICY",
     "openpi://127.0.0.1:1 --option timeout_s=-1": "timeout_s: expected greater than 0, got -1",
     "openpi://127.0.0.1:1 --option timeout_s=.nan": "timeout_s: expected a finite number, got nan",
-    "openpi://127.0.0.1:1 --option convention=nope": "convention: expected 'robogauntlet' or 'libero', got 'nope'",
+    "openpi://127.0.0.1:1 --option convention=nope": "convention: expected 'robogauntlet', 'libero' or 'so101'",
 }
 CARDS = [
     *(("format", value, "expected metadata of format 1, got") for value in (2, "1", None)),

@@ -66,7 +66,11 @@ def _position(simulation: Simulation, arm: str) -> FloatArray:
 def _translation(name: str) -> Check:
     axis = ACTION_NAMES.index(name)
 
-    @check(f"action-{name}", look="Simulation.step: scale, sign and frame (the robot's base) of the controller's input")
+    @check(
+        f"action-{name}",
+        look="Simulation.step: scale, sign and frame (the robot's base) of the controller's input",
+        of_joints=False,
+    )
     def translation(subject: CheckedTask) -> Iterator[Violation]:
         """In steady motion, a translation moves the tool by as many metres, along its axis of the base frame."""
         _of_tools_only(subject)
@@ -106,7 +110,9 @@ def _rotation(name: str) -> Check:
     axis = ACTION_NAMES.index(name) - 3
 
     @check(
-        f"action-{name}", look="Simulation.step: scale, sign and frame of the rotation (axis-angle, base frame, rad)"
+        f"action-{name}",
+        look="Simulation.step: scale, sign and frame of the rotation (axis-angle, base frame, rad)",
+        of_joints=False,
     )
     def rotation(subject: CheckedTask) -> Iterator[Violation]:
         """In steady motion, a rotation turns the tool by as many radians about its axis of the base frame."""
@@ -143,7 +149,11 @@ def _orientation(simulation: Simulation, arm: str) -> Rotation:
     return Rotation.from_quat(simulation.privileged_state()[f"{arm}tcp_quaternion"])
 
 
-@check("action-joints", look="Simulation.step: order, sign and unit (rad) of the targets; and tcp_jacobian")
+@check(
+    "action-joints",
+    look="Simulation.step: order, sign and unit (rad) of the targets; and tcp_jacobian",
+    of_joints=True,
+)
 def joints(subject: CheckedTask) -> Iterator[Violation]:
     """A joint turns as its target does, in radians, the others stay, and the tool moves as the Jacobian says."""
     spec = subject.simulation.action_spec

@@ -74,6 +74,8 @@ class Check:
     """Whether it needs images."""
     once: bool = False
     """Whether one task of a simulator is enough."""
+    of_joints: bool | None = None
+    """Whether it is for tasks with the targets of joints (True), for those that move a tool (False), or for both."""
 
     def run(self, subject: CheckedTask) -> list[CheckResult]:
         """Run the check in a task and return at least one result."""
@@ -99,12 +101,14 @@ class Check:
         return [result(Outcome.FAILED, violation.expected, violation.seen, self.look) for violation in violations]
 
 
-def check(name: str, *, look: str, renders: bool = False, once: bool = False) -> Callable[[Body], Check]:
+def check(
+    name: str, *, look: str, renders: bool = False, once: bool = False, of_joints: bool | None = None
+) -> Callable[[Body], Check]:
     """Turn a function into a check; the first line of its docstring is the promise."""
 
     def decorate(body: Body) -> Check:
         promise = (body.__doc__ or "").strip().splitlines()[0].rstrip(".")
-        return Check(name, promise[0].lower() + promise[1:], look, body, renders, once)
+        return Check(name, promise[0].lower() + promise[1:], look, body, renders, once, of_joints)
 
     return decorate
 

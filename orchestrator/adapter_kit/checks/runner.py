@@ -144,8 +144,12 @@ def default_tasks(simulator: Simulator) -> list[str]:
 
 def checks_for(tasks: Sequence[str], checks: Iterable[Check], *, every: bool) -> dict[str, list[Check]]:
     """Return the checks of each task: a check for which one task is enough runs on the first only, unless `every`."""
-    planned = list(checks)
-    return {task: [check for check in planned if every or task == tasks[0] or not check.once] for task in tasks}
+    planned, found = list(checks), {}
+    for task in tasks:
+        fitting = (None, bool(catalog.body_of(task).joints))
+        own = [check for check in planned if check.of_joints in fitting]
+        found[task] = [check for check in own if every or task == tasks[0] or not check.once]
+    return found
 
 
 def run_checks(

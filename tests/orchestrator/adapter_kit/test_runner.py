@@ -107,6 +107,13 @@ def test_checks_of_the_simulator_run_in_one_task_unless_all_are_requested():
     assert checks_for(["a/A", "a/B"], checks, every=True) == {"a/A": [*checks], "a/B": [*checks]}
 
 
+def test_checks_of_a_tool_and_of_joints_are_for_tasks_of_theirs():
+    planned = checks_for(["so101/Push", "pybullet/PandaPush-v3"], CHECKS.values(), every=True)
+    names = {task: {check.name for check in found} for task, found in planned.items()}
+    assert names["pybullet/PandaPush-v3"] == CHECKS.keys() - {"action-joints"}
+    assert names["so101/Push"] == CHECKS.keys() - {f"action-{name}" for name in ("dx", "dy", "dz", "rx", "ry", "rz")}
+
+
 def test_a_check_leaves_no_descriptor_behind():
     before = psutil.Process(os.getpid()).num_fds()
     run_checks({"correct/Reach": [CHECKS["description"]]})
