@@ -94,7 +94,7 @@ def test_every_option_of_a_kind_is_listed_or_names_nothing_outside_of_the_suite(
     numbers = {"columns", "execute", "gripper_closed", "gripper_open", "gripper_threshold", "image_size", "retries"}
     keys = {"actions", "cameras", "instruction", "proprioception", "convention", "rotation", "resize", "turn"}
     own = {"device", "identity", "recipe", "router", "sees_instruction", "token_scheme"}
-    scales = {"connect_timeout_s", "rotation_scale", "timeout_s", "translation_scale"}
+    scales = {"connect_timeout_s", "joint_scale", "joints", "rotation_scale", "timeout_s", "translation_scale"}
     assert set(kind.options) <= trust.USES[kind.name].keys() | numbers | keys | own | scales
 
 
