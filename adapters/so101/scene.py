@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters.contract import GRIPPER
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES, RIGHT_DOWN_FORWARD
 from robogauntlet.adapters.mujoco_parts.table import SPARE_MATERIAL, SPARE_TEXTURE, TABLE
 from robogauntlet.adapters.so101.tasks import CUBE, DISC, JOINTS, Layout
@@ -16,7 +17,7 @@ from robogauntlet.adapters.so101.tasks import CUBE, DISC, JOINTS, Layout
 TIMESTEP = 0.002
 """Of physics (s)."""
 DERIVATIVE_GAIN = 1.2
-"""Of the servos (N m s/rad). Real ones have one; without it the model's arm swings, at a third of critical damping."""
+"""Of the arm's servos (N m s/rad). Real ones have one; without it the model's arm swings."""
 GRIP = 1.7
 """Largest torque of the gripper (N m): half of the servo's, as LeRobot limits it."""
 BASE, TOOL, HAND = "base", "tool", "hand"
@@ -43,7 +44,7 @@ def build(mujoco: Any, layout: Layout) -> Any:
     spec.option.timestep, spec.option.noslip_iterations = TIMESTEP, 5
     spec.visual.headlight.ambient[:], spec.visual.headlight.diffuse[:] = 0.45, 0.35
     spec.visual.quality.shadowsize = 1024
-    world, gripper = spec.worldbody, spec.body("gripper")
+    world, gripper = spec.worldbody, spec.body(GRIPPER)
     drawn = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes}
     for name, file in drawn.items():  # Copies that collide with nothing may be simplified.
         spec.add_mesh(name=f"{name}_drawn", file=file)
@@ -56,7 +57,7 @@ def build(mujoco: Any, layout: Layout) -> Any:
             shape.contype, shape.conaffinity = 0, 0
     for name in JOINTS:
         spec.actuator(name).biasprm[2] = -DERIVATIVE_GAIN
-    spec.actuator("gripper").forcerange = [-GRIP, GRIP]
+    spec.actuator(GRIPPER).forcerange = [-GRIP, GRIP]
     pad = spec.geom(PADS[0])
     centre = [pad.pos[0] + pad.size[0] + CUBE / 2, *pad.pos[1:]]
     hand = gripper.add_body(name=HAND, pos=centre, quat=_wxyz([[0, 1, 0], [1, 0, 0], [0, 0, -1]]))

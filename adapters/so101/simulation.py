@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Joint, StepOutcome
+from robogauntlet.adapters.contract import GRIPPER, ActionSpec, FloatArray, Joint, StepOutcome
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
@@ -34,7 +34,6 @@ START = (0.0, -0.45, 0.25, 1.55, -1.6)
 """Angles of the joints at the start (rad): the gripper points down, 0.13 m above the table."""
 START_NOISE = 0.02
 """Standard deviation of these angles (rad)."""
-GRIPPER = "gripper"
 SETTLING = 50
 """Physics steps of a reset, in which arm and cubes come to rest."""
 ON_TABLE, ON_CUBE = 0.004, 0.005

@@ -73,7 +73,6 @@ def _translation(name: str) -> Check:
     )
     def translation(subject: CheckedTask) -> Iterator[Violation]:
         """In steady motion, a translation moves the tool by as many metres, along its axis of the base frame."""
-        _of_tools_only(subject)
         length = subject.length(LENGTH)
         distance = MEASURED * length
         for arm, sign in itertools.product(subject.arms, (1, -1)):
@@ -116,7 +115,6 @@ def _rotation(name: str) -> Check:
     )
     def rotation(subject: CheckedTask) -> Iterator[Violation]:
         """In steady motion, a rotation turns the tool by as many radians about its axis of the base frame."""
-        _of_tools_only(subject)
         for arm in subject.arms:
             ignored = subject.ignores(arm + name)
             angle = ANGLE if ignored else min(ANGLE, subject.simulation.action_spec.max_rotation)
@@ -157,8 +155,6 @@ def _orientation(simulation: Simulation, arm: str) -> Rotation:
 def joints(subject: CheckedTask) -> Iterator[Violation]:
     """A joint turns as its target does, in radians, the others stay, and the tool moves as the Jacobian says."""
     spec = subject.simulation.action_spec
-    if not spec.joints:
-        raise NotApplicable("an action moves the tool")
     for place, joint in enumerate(spec.joints):
         simulation = subject.reset()
         for _ in range(TURNING):
@@ -191,12 +187,6 @@ def joints(subject: CheckedTask) -> Iterator[Violation]:
         stepped = abs(simulation.privileged_state()["joint_targets"][place] - target)
         expected = f"the target of {joint.name} to change by its `step`, {joint.step:g} rad, if more is asked for"
         yield from expect(abs(stepped - joint.step) <= 1e-3, expected, f"{stepped:.3f} rad")
-
-
-def _of_tools_only(subject: CheckedTask) -> None:
-    """Skip the check where an action has the targets of joints."""
-    if subject.simulation.action_spec.joints:
-        raise NotApplicable("an action has the targets of joints")
 
 
 @check("action-gripper", look="Simulation.step and finger_positions: -1 opens, +1 closes")

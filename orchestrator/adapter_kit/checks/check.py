@@ -87,6 +87,8 @@ class Check:
         try:
             if self.renders and not subject.simulator.renders:
                 raise NotApplicable("this simulator does not render")
+            if self.of_joints not in (None, bool(subject.description.joints)):
+                raise NotApplicable("an action moves the tool" if self.of_joints else "an action has targets of joints")
             violations = list(self.body(subject))
         except NotApplicable as reason:
             return [result(Outcome.SKIPPED, seen=str(reason))]
