@@ -9,8 +9,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from robogauntlet.adapters.catalog import original
-from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.catalog import body_of, original
+from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, FloatArray
 from robogauntlet.policies.contract import PolicyError, Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
@@ -31,7 +31,7 @@ class FirstObservation:
     """Shape (cameras, 3, H, W), in [0, 1]."""
     instruction: str
     proprioception: FloatArray
-    """Shape (numbers,), in the units of `robogauntlet.adapters.contract`."""
+    """Shape (8 * arms,), or that of a task with joints, in the units of `robogauntlet.adapters.contract`."""
     episode_id: str
     """Key of all randomness."""
     task: str
@@ -43,8 +43,11 @@ class FirstObservation:
             raise RoutingError(
                 f"expected images of shape (cameras, 3, H, W) in [0, 1], got {tuple(images.shape)} of {images.dtype}"
             )
-        if state.ndim != 1:
-            raise RoutingError(f"expected proprioception of shape (numbers,), got {state.shape}")
+        fits = state.ndim == 1 and (
+            not len(state) % PROPRIOCEPTION_DIM or len(state) == body_of(self.task).proprioception_dim
+        )
+        if not fits:
+            raise RoutingError(f"expected proprioception of shape ({PROPRIOCEPTION_DIM} * arms,), got {state.shape}")
 
 
 class Router(Protocol):

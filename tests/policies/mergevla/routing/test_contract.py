@@ -86,7 +86,7 @@ def test_of_equal_scores_the_first_name_is_chosen():
             r"expected images of shape \(cameras, 3, H, W\) in \[0, 1\], got \(3, 16,",
         ),
         ({"images": torch.zeros(2, 3, 16, 16, dtype=torch.uint8)}, "got .* of torch.uint8"),
-        ({"proprioception": np.zeros((1, 8))}, r"expected proprioception of shape \(numbers,\), got \(1, 8\)"),
+        ({"proprioception": np.zeros(7)}, r"expected proprioception of shape \(8 \* arms,\), got \(7,\)"),
     ],
 )
 def test_a_first_observation_of_another_shape_is_refused(change, message):
