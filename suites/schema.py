@@ -162,7 +162,7 @@ class _Sides(_Model):
         for field, value in self:
             if isinstance(value, str):
                 places.append(((self.key, field), value))
-            else:
+            elif isinstance(value, tuple):
                 places += [((self.key, field, i), name) for i, name in enumerate(value)]
         return places
 
@@ -185,6 +185,8 @@ class CompareEntry(_Sides):
     key = "compare"
     baseline: Name
     others: Names
+    margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """A difference of success rates below this counts as none in the test of equivalence under perturbations."""
 
 
 class AdaptiveEntry(_Model):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,13 @@ from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes
 from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument, RunStatus
-from robogauntlet.results.statistics.aggregate import DRAWS, mean_outcomes, percentile_interval, resampled_means
+from robogauntlet.results.statistics.aggregate import (
+    DRAWS,
+    Outcomes,
+    mean_outcomes,
+    percentile_interval,
+    resampled_means,
+)
 from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochberg
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
 from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
@@ -64,6 +71,25 @@ class Interaction:
 
 
 @dataclass(frozen=True, slots=True)
+class Equivalence:
+    """Loss of a policy against the baseline over all perturbed levels together, tested for equivalence."""
+
+    policy: str
+    levels: int
+    pairs: int
+    """Perturbed episodes with a verdict of both."""
+    loss: Estimate
+    """Mean over the levels, tasks having equal weight, with an interval of 1 - 2 `ALPHA`."""
+    margin: float
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether the rates are shown to differ by less than the margin (two one-sided tests)."""
+        ends = self.loss.interval
+        return ends is not None and -self.margin < ends.low and ends.high < self.margin
+
+
+@dataclass(frozen=True, slots=True)
 class RouterRow:
     """Router accuracy of a policy at one level, over all simulators."""
 
@@ -102,6 +128,7 @@ class ConditionComparison:
     others: tuple[str, ...]
     losses: tuple[LossRow, ...]
     interactions: tuple[Interaction, ...]
+    equivalences: tuple[Equivalence, ...]
     routers: tuple[RouterRow, ...]
     rule: AdaptiveEntry | None = None
     """The rule for stopping conditions early, if the suite has one."""
@@ -116,7 +143,7 @@ def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> Con
     if sides is None:
         return None
     axes = tuple(dict.fromkeys(c.axis for c in document.plan if c.condition.is_on_scale))
-    losses, interactions = [], []
+    losses, interactions, equivalences = [], [], []
     for policy in sides.others:
         rows: list[LossRow] = []
         for axis in axes:
@@ -129,8 +156,13 @@ def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> Con
             interactions.append(interaction(policy, axis, len(levels), strata, len(axes)))
         adjusted = benjamini_hochberg([row.p for row in rows])
         losses += [replace(row, adjusted=p) for row, p in zip(rows, adjusted, strict=True)]
+        perturbed = tuple(dict.fromkeys(c.condition for c in document.plan if c.condition.is_on_scale and c.severity))
+        both = [c for name in (sides.baseline, policy) for c in document.plan if c.policy == name]
+        strata = list(eligible.by_condition(both, perturbed).values())
+        if (overall := equivalence(policy, strata, sides.margin)) is not None:
+            equivalences.append(overall)
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
-    found = (tuple(losses), tuple(interactions), tuple(routers))
+    found = (tuple(losses), tuple(interactions), tuple(equivalences), tuple(routers))
     return ConditionComparison(
         sides.baseline, sides.others, *found, document.suite.adaptive, document.decided, saving_of(document)
     )
@@ -195,8 +227,46 @@ def _extra(means: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
     """Mean loss over perturbed levels minus clean loss (draws,), from means (draws, strata, 2 x levels)."""
     loss = means[..., :levels] - means[..., levels:]
     with np.errstate(invalid="ignore"):
-        by_level = np.nanmean(loss[..., 1:] - loss[..., :1], axis=-2)
-    return np.asarray(by_level.mean(axis=-1), dtype=np.float64)
+        return _over_levels(loss[..., 1:] - loss[..., :1])
+
+
+def equivalence(policy: str, strata: Sequence[Outcomes], margin: float, draws: int = DRAWS) -> Equivalence | None:
+    """Test whether a policy and the baseline differ by less than a margin over all perturbed levels together.
+
+    D. J. Schuirmann, "A comparison of the two one-sided tests procedure and the power approach for assessing the
+    equivalence of average bioavailability", J. Pharmacokinet. Biopharm. 15 (1987) 657-680: both tests at `ALPHA` reject
+    where an interval of 1 - 2 `ALPHA` lies within the margins. It is Student's, with the standard error of a bootstrap
+    that draws whole seeds; the percentiles of so few seeds would be too narrow.
+
+    Args:
+        policy: The other policy.
+        strata: Per task, shape (seeds, 2 x levels), the baseline first, NaN without a verdict.
+        margin: The largest difference of rates that counts as none.
+        draws: Number of bootstrap samples.
+
+    Returns:
+        None without a level that both have.
+    """
+    from scipy.stats import t
+
+    losses = [first - second for first, second in (np.hsplit(outcomes, 2) for outcomes in strata)]
+    pairs = sum(int((~np.isnan(loss)).sum()) for loss in losses)
+    if not pairs:
+        return None
+    levels = np.any([(~np.isnan(loss)).any(axis=0) for loss in losses], axis=0)
+    losses = [loss[:, levels] for loss in losses]
+    generator = np.random.default_rng(int(content_hash(["equivalence", policy]), 16))
+    value = float(_over_levels(mean_outcomes(losses)[None])[0])
+    error = float(_over_levels(resampled_means(losses, generator, draws)).std())
+    freedom = sum(len(loss) - 1 for loss in losses)
+    half = float(t.isf(ALPHA, freedom)) * error if freedom else math.nan
+    interval = Interval(value - half, value + half) if half > 0 else None
+    return Equivalence(policy, int(levels.sum()), pairs, Estimate(value, interval), margin)
+
+
+def _over_levels(means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean over strata with a value, then over levels (draws,), from (draws, strata, levels)."""
+    return np.asarray(np.nanmean(means, axis=-2).mean(axis=-1), dtype=np.float64)
 
 
 def _routers(document: RunDocument, eligible: EligibleEpisodes, policy: str, axis: str) -> list[RouterRow]:

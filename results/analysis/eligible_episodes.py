@@ -18,7 +18,7 @@ from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
 if TYPE_CHECKING:
     import pandas as pd
 
-Column = TypeVar("Column", int, Condition)
+Column = TypeVar("Column", int, tuple[str, Condition])
 Seeds = NDArray[np.int64]
 LEAST_SOLVED = 0.95
 """Share of seeds that the oracle gate must solve at a level. Below it, the level is left out for the task."""
@@ -85,18 +85,21 @@ class EligibleEpisodes:
         return [outcomes for seeds, outcomes in tables if len(seeds)]
 
     def by_condition(self, cells: Sequence[PlannedCell], conditions: Sequence[Condition]) -> dict[str, Outcomes]:
-        """Return success of one policy by task, shape (seeds, conditions); seeds are rejected per axis.
+        """Return success by task; seeds are rejected per axis.
 
-        Tasks without a verdict are left out.
+        Returns:
+            Per task, shape (seeds, policies x conditions), policies in the order of `cells`. Tasks without a verdict
+            are left out.
         """
+        order = [(policy, one) for policy in dict.fromkeys(cell.policy for cell in cells) for one in conditions]
         by_task = {}
         for task in dict.fromkeys(cell.task for cell in cells):
             columns = {
-                cell.condition: self._successes(cell, self.rejected.get((task, cell.axis), set()))
+                (cell.policy, cell.condition): self._successes(cell, self.rejected.get((task, cell.axis), set()))
                 for cell in cells
                 if cell.task == task and not self._is_capped(cell)
             }
-            seeds, outcomes = _side_by_side(columns, conditions)
+            seeds, outcomes = _side_by_side(columns, order)
             if len(seeds):
                 by_task[task] = outcomes
         return by_task

@@ -7,6 +7,7 @@ from itertools import groupby
 
 from robogauntlet.results.analysis.condition_comparison import (
     ConditionComparison,
+    Equivalence,
     Interaction,
     LossRow,
     Saving,
@@ -152,6 +153,16 @@ def _saving(saving: Saving) -> str:
     return (
         f"{text}{given} were played in undecided conditions instead, "
         f"and {formatting.count(saving.saved)} ({share}) not at all."
+    )
+
+
+def equivalence_sentence(found: Equivalence, baseline: str) -> str:
+    """What a policy loses over all perturbed levels, and whether it is shown to be equivalent to the baseline."""
+    is_shown = "is shown" if found.is_shown else "is not shown"
+    return (
+        f"{found.policy}: {points(found.loss)} percentage points lost against {baseline} over all "
+        f"{formatting.counted(found.levels, 'perturbed level')} (90 % interval); that they differ by less than "
+        f"{100 * found.margin:g} points {is_shown}."
     )
 
 

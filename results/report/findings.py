@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from robogauntlet.results.analysis.condition_comparison import ConditionComparison, first_to_fail
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
-from robogauntlet.results.report.condition_comparison import condition_text, worst_level
+from robogauntlet.results.report.condition_comparison import condition_text, equivalence_sentence, worst_level
 from robogauntlet.results.report.formatting import points, rate
 from robogauntlet.results.report.robustness import agreement_findings, known_rates, overall_curves
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
@@ -95,6 +95,9 @@ def _merging(comparison: ConditionComparison) -> list[str]:
                 sentences.append(
                     f"{policy} loses {word} against {comparison.baseline} than clean along {_listed(parts)}."
                 )
+        sentences += [
+            equivalence_sentence(row, comparison.baseline) for row in comparison.equivalences if row.policy == policy
+        ]
         if not more and not less:
             sentences.append(
                 f"{policy}: no axis was shown to change its loss against {comparison.baseline} from the clean loss "

@@ -208,6 +208,7 @@ OTHERS = {
     "compare": {
         "{baseline: random}": "missing key 'others'",
         "{baseline: random, others: []}": "expected at least one entry, found an empty list",
+        "{baseline: random, others: [zero], margin: 2}": "compare.margin: expected less than 1, got 2",
         "{baseline: random, others: [random]}": "compare names policy 'random' twice; each side is another policy",
         "{baseline: random, others: [zeor]}": "compare names no policy of this suite: 'zeor'; did you mean 'zero'?",
     },

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.results.analysis.condition_comparison import interaction
+from robogauntlet.results.analysis.condition_comparison import equivalence, interaction
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.statistics.sequential import log_evidence
@@ -39,6 +39,7 @@ def measure() -> list[dict[str, object]]:
         ("Newcombe, paired", _newcombe),
         ("area kept, bootstrap", _area),
         ("lost beyond clean, bootstrap", _interaction),
+        ("lost over all levels, 90 %", _equivalence),
     ):
         for n in SIZES:
             cells = simulate(n)
@@ -139,6 +140,20 @@ def _interaction(n: int) -> dict[str, float]:
         for _ in range(BOOTSTRAPS):
             ends = interaction("", "", 2, _outcomes(generator, n, rates), 1, draws=DRAWS).extra.interval
             if ends is not None:
+                inside.append(ends.low <= truth <= ends.high)
+        cells[f"p {rates}"] = float(np.mean(inside))
+    return cells
+
+
+def _equivalence(n: int) -> dict[str, float]:
+    generator = np.random.default_rng([SEED, n, 6])
+    cells = {}
+    for rates in ([0.9, 0.6, 0.8, 0.2], [0.9, 0.5, 0.9, 0.5], [0.6, 0.3, 0.5, 0.2]):
+        truth = (rates[0] + rates[1] - rates[2] - rates[3]) / 2
+        inside = []
+        for _ in range(BOOTSTRAPS):
+            found = equivalence("", _outcomes(generator, n, rates), 0.05)
+            if found is not None and (ends := found.loss.interval) is not None:
                 inside.append(ends.low <= truth <= ends.high)
         cells[f"p {rates}"] = float(np.mean(inside))
     return cells

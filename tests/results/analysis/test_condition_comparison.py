@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from robogauntlet.results.analysis.condition_comparison import first_to_fail, interaction
+from robogauntlet.results.analysis.condition_comparison import equivalence, first_to_fail, interaction
 from robogauntlet.results.analysis.robustness import Repeats
 from robogauntlet.results.report import condition_comparison as words
 from robogauntlet.results.report.findings import findings
@@ -66,6 +66,50 @@ def test_losing_more_than_under_the_clean_condition_is_shown_where_it_is_so():
     assert not found["blur"].is_shown
     corrected, own = found["noise"].corrected, found["noise"].extra.interval
     assert corrected.low < own.low < own.high < corrected.high
+
+
+def test_a_policy_that_loses_little_is_shown_to_be_equivalent_within_the_margin_that_the_suite_sets():
+    """Both fail at every tenth seed, and merged at another one of fifty."""
+    fails = {"expert": {0, 10, 20, 30, 40}, "merged": {0, 7, 10, 20, 30, 40}}
+    same = [
+        row(cell, seed, "failure" if seed in fails[cell.policy] else "success")
+        for cell in PLAN
+        for seed in range(SEEDS)
+    ]
+    (wide,), (narrow,) = (
+        built(same, compare=COMPARE.model_copy(update={"margin": margin})).condition_comparison.equivalences
+        for margin in (0.06, 0.01)
+    )
+    assert (wide.policy, wide.levels, wide.pairs) == ("merged", 4, 2 * 4 * SEEDS)
+    assert wide.loss.value == pytest.approx(1 / SEEDS)
+    assert wide.is_shown
+    assert not narrow.is_shown
+
+
+def test_a_policy_that_loses_more_than_the_margin_is_not_called_equivalent():
+    robustness = built()
+    (found,) = robustness.condition_comparison.equivalences
+    assert found.loss.value == pytest.approx((0.6 + 0.1) / 2, abs=0.1)
+    assert not found.is_shown
+    (sentence,) = (text for text in findings(robustness) if "perturbed levels" in text)
+    assert sentence.startswith("merged: +3")
+    assert sentence.endswith("that they differ by less than 5 points is not shown.")
+
+
+def test_a_level_or_task_without_a_verdict_of_both_does_not_count():
+    kept = rows(plan=[cell for cell in PLAN if (cell.policy, cell.condition.axis) != ("merged", "noise")])
+    (found,) = built(kept).condition_comparison.equivalences
+    assert (found.levels, found.pairs) == (2, 2 * 2 * SEEDS)
+    assert found.loss.value == pytest.approx(0.1, abs=0.08)
+
+
+def test_policies_that_differ_by_the_margin_are_rarely_called_equivalent():
+    """1,000 experiments of two tasks with 30 seeds and two levels: 5 % are wrong, up to 7 by chance."""
+    generator, wrong = np.random.default_rng(12), 0
+    for _ in range(1000):
+        strata = [(generator.random((30, 4)) < [0.8, 0.6, 0.6, 0.4]).astype(float) for _ in TASKS]
+        wrong += equivalence("merged", strata, 0.2, draws=400).is_shown
+    assert wrong / 1000 <= 0.07
 
 
 def test_the_interval_of_the_extra_loss_covers_the_true_loss_with_its_confidence():

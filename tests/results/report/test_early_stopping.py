@@ -15,7 +15,7 @@ def test_the_sentences_about_the_kept_run_are_those_of_its_plan_and_rows():
     run, page = read_run(KEPT), (KEPT / "README.md").read_text()
     sides = run.suite.comparison
     found = ConditionComparison(
-        sides.baseline, sides.others, (), (), (), run.suite.adaptive, run.decided, saving_of(run)
+        sides.baseline, sides.others, (), (), (), (), run.suite.adaptive, run.decided, saving_of(run)
     )
     counted = build_failures(run, read_frame(KEPT / "episodes.parquet", COLUMNS))
     for sentence in (stopping_rule(found), *failures.sentences(counted)):
