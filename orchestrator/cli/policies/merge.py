@@ -91,6 +91,14 @@ def merge(
         list[Path] | None,
         typer.Option(help="Datasets, or folders of them, to fit routers on; some routers need them. Repeatable."),
     ] = None,
+    routers: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--router",
+            metavar="NAME",
+            help="Router to fit: calibrated, nearest-centroid or self-trained. Repeatable; by default all.",
+        ),
+    ] = None,
     weights: Annotated[
         bool,
         typer.Option(help="Store the merged weights; without, the experts are merged whenever the model is loaded."),
@@ -108,6 +116,7 @@ def merge(
         from robogauntlet.policies.training.dataset import datasets_of
     try:
         _check_out(out_folder)
+        _check_routers(routers or (), demonstrations or ())
         read = read_experts(_checkpoints(experts))
         recipe = Recipe.from_json(
             {
@@ -129,15 +138,15 @@ def merge(
         if lambdas == [AUTO]:
             recipe = _best_lambdas(read, recipe, datasets, instructions)
         merging = merge_experts(read, recipe, instructions)
-        fitted = _fit(merging.parts, datasets) if datasets else None
+        fitted = _fit(merging.parts, datasets, routers or ()) if datasets else None
         metadata = save_merged(out_folder, merging, fitted, weights=weights)
     except OSError as error:
         raise BadInput(describe_os_error_at(error, out_folder)) from None
     _show(merging, _losses(read, merging.parts, datasets, instructions, lambdas) if datasets else {})
     size = (out_folder / WEIGHTS).stat().st_size / 1e6
     beside = "the base" if weights else "base and experts"
-    routers = f"fitted routers: {', '.join(metadata.routers)}" if metadata.routers else "no router was fitted"
-    print_line(f"{out_folder}: {len(metadata.experts)} experts merged, {size:.1f} MB beside {beside}; {routers}")
+    fits = f"fitted routers: {', '.join(metadata.routers)}" if metadata.routers else "no router was fitted"
+    print_line(f"{out_folder}: {len(metadata.experts)} experts merged, {size:.1f} MB beside {beside}; {fits}")
 
 
 def _checkpoints(references: Sequence[str]) -> list[str]:
@@ -158,6 +167,17 @@ def _check_out(folder: Path) -> None:
         return
     if folder.exists() and not ((folder / METADATA_FILE).is_file() and read_metadata_file(folder).get("kind") == KIND):
         raise CheckpointError(f"expected a new folder or that of a merged checkpoint for --out, got '{folder}'")
+
+
+def _check_routers(names: Sequence[str], demonstrations: Sequence[Path]) -> None:
+    """Refuse what cannot be fitted before anything is merged."""
+    from robogauntlet.policies.mergevla.routing.catalog import READ
+
+    if names and not demonstrations:
+        raise MergeError("expected --demonstrations with --router, got none")
+    for name in names:
+        if name not in READ:
+            raise MergeError(f"expected --router {', '.join(READ)}, got '{name}'{did_you_mean(name, READ)}")
 
 
 def _is_leftover(path: Path) -> bool:
@@ -198,13 +218,13 @@ def _options(given: Sequence[str]) -> dict[str, Any]:
     return options
 
 
-def _fit(parts: MergedWeights, datasets: Sequence[Demonstrations]) -> dict[str, Tensor]:
+def _fit(parts: MergedWeights, datasets: Sequence[Demonstrations], names: Sequence[str]) -> dict[str, Tensor]:
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
     from robogauntlet.policies.mergevla.routing.catalog import fit_routers
     from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
 
     first = first_observations(datasets, parts.architecture.cameras)
-    return fit_routers(MergedModel(parts), first.frames, first.held_out)
+    return fit_routers(MergedModel(parts), first.frames, first.held_out, names)
 
 
 def _best_lambdas(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from itertools import chain
 
@@ -91,29 +91,33 @@ def fit_routers(
     model: MergedModel,
     frames: Mapping[str, Sequence[FirstObservation]],
     held_out: Mapping[str, Sequence[FirstObservation]],
+    names: Collection[str] = (),
 ) -> dict[str, Tensor]:
-    """Fit every router of `READ`, with the instruction and without; `self-trained` only if it can be.
+    """Fit routers of `READ`, with the instruction and without.
 
     Args:
         model: Merged model, of which only the base is run.
         frames: Task of an expert to first observations for its class.
         held_out: Task to other observations, for temperature and thresholds.
+        names: Routers of `READ` to fit; by default all, `self-trained` only if it can be.
 
     Returns:
         Tensors by `<router>/<instructed | unaided>/<name>`, for a safetensors file.
 
     Raises:
-        RoutingError: A task without observations, or observations that are all the same.
+        RoutingError: A task without observations, observations that are all the same, or too few for a router that is
+            named.
     """
     specs = [feature_spec_of(model.architecture, sees_instruction=sees) for sees in (True, False)]
     fits: list[tuple[str, RouterFit]] = []
     for spec in specs:
-        for name, fitting in FITTED.items():
+        for name, fitting in ((name, fitting) for name, fitting in FITTED.items() if not names or name in names):
             parts = fitting_features(fitting, model, frames, held_out, spec)
             fits.append((name, fitting.fit(*parts, feature_spec=spec)))
-    pool, others = (list(chain.from_iterable(part.values())) for part in (frames, held_out))
-    with suppress(RoutingError):  # too few observations to label by themselves
-        fits += [(SELF_TRAINED, fitted) for fitted in fit_self_trained(model, pool, others, specs)]
+    if not names or SELF_TRAINED in names:
+        pool, others = (list(chain.from_iterable(part.values())) for part in (frames, held_out))
+        with nullcontext() if names else suppress(RoutingError):  # too few observations to label by themselves
+            fits += [(SELF_TRAINED, fitted) for fitted in fit_self_trained(model, pool, others, specs)]
     return {
         _prefix(name, sees_instruction=fitted.feature_spec.sees_instruction) + key: tensor.contiguous()
         for name, fitted in fits

@@ -37,6 +37,15 @@ def test_experts_are_merged_and_routers_fitted(zoo, tmp_path):
     MERGED.load({"checkpoint": str(tmp_path / "m")})
 
 
+def test_only_the_routers_that_are_named_are_fitted(zoo, tmp_path):
+    done = merge(
+        *(zoo / "experts", "--out", tmp_path / "m", "--operator", "ta"),
+        *("--demonstrations", zoo / "data", "--router", "nearest-centroid"),
+    )
+    assert done.exit_code == 0, done.exception
+    assert load_merged(tmp_path / "m").metadata.routers == ("nearest-centroid",)
+
+
 def test_lambda_is_chosen_by_held_out_demonstrations_and_the_losses_are_shown(zoo, tmp_path):
     done = merge(zoo / "experts", "--out", tmp_path / "m", "--demonstrations", zoo / "data", "--lambda", "auto")
     assert done.exit_code == 0, done.exception
@@ -97,6 +106,11 @@ def test_an_earlier_merged_checkpoint_and_leftovers_are_overwritten(zoo, tmp_pat
         (["{zoo}/experts", "--option", "drop"], "expected --option NAME=VALUE, got 'drop'"),
         (["{zoo}/experts", "--option", "drop=1"], "operator 'ties' has no option 'drop'"),
         (["{zoo}/experts", "--demonstrations", "{zoo}/none"], "expected a dataset"),
+        (["{zoo}/experts", "--router", "calibrated"], "expected --demonstrations with --router, got none"),
+        (
+            ["{zoo}/experts", "--demonstrations", "{zoo}/data", "--router", "calibratd"],
+            "expected --router calibrated, nearest-centroid, self-trained, got 'calibratd'; did you mean 'calibrated'?",
+        ),
         (["{zoo}/experts", "--demonstrations", "{zoo}/data/Reach"], "got none of null/Raise"),
         (["{zoo}/base"], "expected an expert with adapters on a base"),
         (["{zoo}/none"], "expected a checkpoint's folder or a hub id"),
