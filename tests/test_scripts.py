@@ -60,7 +60,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
     [
         ("zoo.sh", 24),
         ("training_controls.sh", 298),
-        ("varied_experts.sh", 5),
+        ("robust_experts.sh", 17),
         ("arms.sh", 14),
         ("two_arms.sh", 10),
         ("so101.sh", 5),
@@ -82,7 +82,7 @@ def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    "script", ["zoo.sh", "training_controls.sh", "varied_experts.sh", "meta_world.sh", "libero.sh"]
+    "script", ["zoo.sh", "training_controls.sh", "robust_experts.sh", "meta_world.sh", "libero.sh"]
 )
 @pytest.mark.parametrize("percent", ["0", "-1", "half", "1000", "1.5"])
 def test_a_share_that_is_no_whole_percent_is_refused_first(script: str, percent: str, tmp_path: Path) -> None:

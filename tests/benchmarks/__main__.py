@@ -43,7 +43,16 @@ LONG = (
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = (
     *("arms", "merges", "more_experts", "more_experts_routing", "routers", "training_controls", "unknown_tasks"),
-    *("shifted_routing", "libero_experts", "libero_merges", "libero_plus", "two_arms", "varied_experts", "so101"),
+    *(
+        "shifted_routing",
+        "libero_experts",
+        "libero_merges",
+        "libero_plus",
+        "two_arms",
+        "robust_experts",
+        "merging_under_shift",
+        "so101",
+    ),
 )
 NEED_GPU = ("gpu_answers", "gpu_runs")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS, *NEED_GPU)

@@ -16,14 +16,15 @@ from tests.benchmarks import (
     libero_oracles,
     libero_plus,
     libero_routers,
+    merging_under_shift,
     more_experts,
     more_experts_routing,
     oracles,
+    robust_experts,
     shifted_routing,
     so101,
     training_controls,
     two_arms,
-    varied_experts,
 )
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.operators import rows_of
@@ -260,9 +261,10 @@ def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
         assert {shift: row[shift] for shift in shifted_routing.SHIFTS} == rates
 
 
-def test_the_table_of_varied_experts_counts_the_committed_episodes():
-    rows = json.loads((MEASUREMENTS / "varied_experts.json").read_text(encoding="utf-8"))["rows"]
-    assert varied_experts.rows_of(pd.read_parquet(MEASUREMENTS / "varied_experts.parquet")) == rows
+@pytest.mark.parametrize("table", [robust_experts, merging_under_shift], ids=lambda module: module.__name__)
+def test_tables_of_robust_experts_count_the_committed_episodes(table):
+    rows = json.loads((MEASUREMENTS / f"{table.__name__.rsplit('.')[-1]}.json").read_text(encoding="utf-8"))["rows"]
+    assert table.rows_of(pd.read_parquet(MEASUREMENTS / "robust_experts.parquet")) == rows
 
 
 def test_the_matrix_of_simulators_counts_the_oracles_episodes():

@@ -1,0 +1,53 @@
+"""What merging and quantising cost under perturbations, for the zoo's experts and robust ones: tests of equivalence.
+
+`ROBUST=FOLDER python -m tests.benchmarks merging_under_shift` reads the runs of `scripts/robust_experts.sh`, as
+`robust_experts` does, which keeps their episodes.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pandas as pd
+
+from robogauntlet.results.analysis.condition_comparison import Equivalence, equivalence
+from robogauntlet.results.report.formatting import points
+from tests.benchmarks.robust_experts import EXPERTS, SEVERITIES, paired, played
+from tests.benchmarks.shared import table_of
+
+SETTINGS = {
+    "zoo's, six tasks": ("zoo",),
+    "robust, six tasks": ("robust",),
+    "zoo's, nine tasks": ("zoo", "zoo-others"),
+}
+"""Experts and tasks to runs."""
+MADE_OF_EXPERTS = ("merged", "unmerged-int4")
+WHERE = {"clean": (0,), **{f"severity {one}": (one,) for one in SEVERITIES}, "both severities": SEVERITIES}
+MARGIN = 0.05
+
+
+def measure() -> list[dict[str, object]]:
+    """A row for each policy and group of levels."""
+    rows = rows_of(played())
+    columns = {"experts": "{experts}", "policy": "{policy}", "conditions": "{where}", "pairs": "{pairs}"}
+    columns |= {"experts' success": "{baseline:.1%}", "policy's": "{rate:.1%}", "lost (points) [90 %]": "{lost}"}
+    table_of(rows, columns | {"differ by less than 5 points": "{shown}"})
+    return rows
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
+    """Loss over the levels of each group, with the interval and test of reports; `frame` as of `robust_experts`."""
+    rows = []
+    for (setting, runs), policy, (where, severities) in product(SETTINGS.items(), MADE_OF_EXPERTS, WHERE.items()):
+        strata = paired(frame[frame.family.isin(runs) & frame.severity.isin(severities)], (EXPERTS, policy))
+        found = equivalence(policy, strata, MARGIN)
+        assert found is not None
+        rows.append({"experts": setting, "policy": policy, "where": where, **_row(found, strata)})
+    return rows
+
+
+def _row(found: Equivalence, strata: list[np.ndarray]) -> dict[str, object]:
+    rates = [float(np.nanmean(np.concatenate([np.hsplit(one, 2)[side].ravel() for one in strata]))) for side in (0, 1)]
+    shown = "shown" if found.is_shown else "not shown"
+    return {"pairs": found.pairs, "baseline": rates[0], "rate": rates[1], "lost": points(found.loss), "shown": shown}

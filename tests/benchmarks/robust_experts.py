@@ -1,0 +1,105 @@
+"""Robust experts beside the zoo's under all axes at severities 2 and 4.
+
+`ROBUST=FOLDER python -m tests.benchmarks robust_experts` reads the three runs of `scripts/robust_experts.sh` (default
+`runs/robust-experts`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from robogauntlet.results.analysis.eligible_episodes import select_eligible
+from robogauntlet.results.api import open_run
+from robogauntlet.results.run_document import read_run
+from robogauntlet.results.statistics.aggregate import percentile_interval, resampled_means
+from robogauntlet.suites.episode import CLEAN
+from tests.benchmarks.document import write_episodes
+from tests.benchmarks.shared import table_of
+
+FAMILIES = ("zoo", "robust")
+RUNS = (*FAMILIES, "zoo-others")
+"""The last one plays the zoo's other three tasks."""
+EXPERTS, ORACLE = "experts", "oracle"
+SEVERITIES = (2, 4)
+TRAINED_ON = (
+    *("camera-orbit", "camera-distance", "field-of-view", "light-direction", "illuminance", "colour-temperature"),
+    *("table", "distractors", "object-position", "robot-start"),
+)
+"""Axes along which the scenes of the demonstrations vary."""
+EPISODE = ("policy", "task", "axis", "severity", "seed", "status")
+"""Columns of an episode, beside `family`."""
+COLUMNS = {"condition": "{name}", "episodes each": "{episodes}"} | {
+    f"{text}, severity {severity}": f"{{{key}{severity}}}"
+    for severity in SEVERITIES
+    for text, key in (("zoo's", "zoo"), ("robust", "robust"), ("difference (points) [95 %]", "difference"))
+}
+
+
+def measure() -> list[dict[str, object]]:
+    """A row for each axis and for groups of them; writes the episodes beside the rows."""
+    frame = played()
+    write_episodes("robust_experts", frame, ("family", *EPISODE[:5]))
+    rows = rows_of(frame)
+    table_of(rows, COLUMNS)
+    return rows
+
+
+def played() -> pd.DataFrame:
+    """The runs' episodes that count, with the columns `family` and `EPISODE`, without the oracle's."""
+    parts = []
+    for family in RUNS:
+        folder = Path(os.environ.get("ROBUST", "runs/robust-experts")) / "runs" / family
+        frame, document = open_run(folder).episodes((*EPISODE, "policy_digest")), read_run(folder)
+        cells = [cell for cell in document.plan if cell.policy != ORACLE]
+        kept = select_eligible(document, frame).verdicts(cells)[list(EPISODE)]
+        parts.append(kept.astype(dict.fromkeys(("policy", "task", "axis", "status"), str)).assign(family=family))
+    return pd.concat(parts, ignore_index=True)
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
+    """Success of both families' experts; their difference with a bootstrap interval over start states (task and seed).
+
+    `frame` is that of `played`.
+    """
+    frame = frame[(frame.policy == EXPERTS) & frame.family.isin(FAMILIES)].assign(policy=lambda rows: rows.family)
+    axes = [axis for axis in sorted(frame.axis.unique()) if axis != CLEAN]
+    trained, others = ([axis for axis in axes if (axis in TRAINED_ON) is wanted] for wanted in (True, False))
+    groups = {CLEAN: [CLEAN], f"{len(trained)} axes of the scenes": trained, f"{len(others)} other axes": others}
+    groups |= {f"{axis}{'' if axis in TRAINED_ON else ' (other)'}": [axis] for axis in (*trained, *others)}
+    rows = []
+    for name, chosen in groups.items():
+        row: dict[str, object] = {"name": name}
+        for severity in SEVERITIES:
+            level = frame[frame.axis.isin(chosen) & frame.severity.isin((0, severity))]
+            if level.empty:  # the oracle fails
+                row |= dict.fromkeys((f"zoo{severity}", f"robust{severity}", f"difference{severity}"), "")
+                continue
+            strata = paired(level, FAMILIES)
+            zoo, robust = (np.concatenate([np.hsplit(side, 2)[i].ravel() for side in strata]) for i in (0, 1))
+            losses = [np.subtract(*np.hsplit(side, 2)[::-1]) for side in strata]
+            drawn = np.nanmean(resampled_means(losses, np.random.default_rng(0)), axis=(1, 2))
+            ends = percentile_interval(100 * drawn)
+            points = f"{100 * float(np.nanmean(np.concatenate([loss.ravel() for loss in losses]))):+.0f}"
+            row |= {"episodes": int((~np.isnan(zoo)).sum())}
+            row |= {f"zoo{severity}": f"{np.nanmean(zoo):.0%}", f"robust{severity}": f"{np.nanmean(robust):.0%}"}
+            row[f"difference{severity}"] = f"{points} [{ends.low:+.0f}, {ends.high:+.0f}]" if ends else points
+        rows.append(row)
+    return rows
+
+
+def paired(frame: pd.DataFrame, policies: Sequence[str]) -> list[np.ndarray]:
+    """Success on common episodes: per task, shape (seeds, policies x levels), NaN where one is missing."""
+    won = frame[frame.policy.isin(policies)].assign(won=lambda rows: (rows.status == "success").astype(float))
+    levels = list(won[["axis", "severity"]].drop_duplicates().itertuples(index=False, name=None))
+    columns = pd.MultiIndex.from_tuples([(policy, *level) for policy in policies for level in levels])
+    found = []
+    for _, own in won.groupby("task"):
+        wide = own.pivot(index="seed", columns=["policy", "axis", "severity"], values="won").reindex(columns=columns)
+        sides = np.stack(np.hsplit(wide.to_numpy(), len(policies)))
+        found.append(np.hstack(np.where(np.isnan(sides).any(axis=0), np.nan, sides)))
+    return found
