@@ -92,7 +92,7 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
         assert [path for path in program if path.endswith(f".dist-info/licenses/{name}")]
     assert not [name for name in program if name.endswith(".safetensors")]
     assert wheels[0].stat().st_size < 2_000_000
-    assert sum(name.endswith("model.safetensors") for name in zoo) == 17
+    assert sum(name.endswith("model.safetensors") for name in zoo) == 18
 
 
 @pytest.mark.slow

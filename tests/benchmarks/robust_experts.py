@@ -69,11 +69,13 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     frame = frame[(frame.policy == EXPERTS) & frame.family.isin(FAMILIES)].assign(policy=lambda rows: rows.family)
     axes = [axis for axis in sorted(frame.axis.unique()) if axis != CLEAN]
     trained, others = ([axis for axis in axes if (axis in TRAINED_ON) is wanted] for wanted in (True, False))
-    groups = {CLEAN: [CLEAN], f"{len(trained)} axes of the scenes": trained, f"{len(others)} other axes": others}
+    groups = {CLEAN: [CLEAN], f"all {len(axes)} axes": axes}
+    groups |= {f"{len(trained)} axes of the scenes": trained, f"{len(others)} other axes": others}
     groups |= {f"{axis}{'' if axis in TRAINED_ON else ' (other)'}": [axis] for axis in (*trained, *others)}
     rows = []
     for name, chosen in groups.items():
         row: dict[str, object] = {"name": name}
+        counts = []
         for severity in SEVERITIES:
             level = frame[frame.axis.isin(chosen) & frame.severity.isin((0, severity))]
             if level.empty:  # the oracle fails
@@ -85,10 +87,10 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
             drawn = np.nanmean(resampled_means(losses, np.random.default_rng(0)), axis=(1, 2))
             ends = percentile_interval(100 * drawn)
             points = f"{100 * float(np.nanmean(np.concatenate([loss.ravel() for loss in losses]))):+.0f}"
-            row |= {"episodes": int((~np.isnan(zoo)).sum())}
+            counts.append(int((~np.isnan(zoo)).sum()))
             row |= {f"zoo{severity}": f"{np.nanmean(zoo):.0%}", f"robust{severity}": f"{np.nanmean(robust):.0%}"}
             row[f"difference{severity}"] = f"{points} [{ends.low:+.0f}, {ends.high:+.0f}]" if ends else points
-        rows.append(row)
+        rows.append(row | {"episodes": " / ".join(map(str, dict.fromkeys(counts)))})
     return rows
 
 

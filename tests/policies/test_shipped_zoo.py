@@ -27,6 +27,7 @@ DIGESTS = {
     "experts/robosuite__Stack": "d2f49d3c42d24cc4",
     "merged": "997132f947201619",
     "unmerged-int4": "8d7df57709780cb3",
+    "robust-experts": "c293e82a41698008",
     "libero-experts/libero-spatial": "bd9355ebb9872cb5",
     "libero-experts/libero-object": "397fead5ff324044",
     "libero-experts/libero-goal": "08e88465ac3557ae",
@@ -38,19 +39,21 @@ DIGESTS = {
 
 MERGED_OF = {"merged": "experts", "unmerged-int4": "experts", "libero-merged": "libero-experts"}
 """Merged model to the folder of its experts."""
+MERGED_MODELS = (*MERGED_OF, "robust-experts")
+"""The last one holds its experts itself."""
 
 
 def test_the_digests_are_those_of_the_stored_runs():
     parts = {path.parent.relative_to(zoo_folder()).as_posix() for path in zoo_folder().rglob("card.json")}
     assert parts == DIGESTS.keys()
     for part, digest in DIGESTS.items():
-        assert (merged_digest_of if part in MERGED_OF else digest_of)(f"zoo:{part}") == digest
+        assert (merged_digest_of if part in MERGED_MODELS else digest_of)(f"zoo:{part}") == digest
 
 
 @pytest.mark.parametrize("part", DIGESTS)
 def test_metadata_are_written_as_they_were_read(part):
     plain = json.loads((zoo_folder() / part / "card.json").read_text())
-    assert (MergedMetadata if part in MERGED_OF else CheckpointMetadata).from_json(plain).as_json() == plain
+    assert (MergedMetadata if part in MERGED_MODELS else CheckpointMetadata).from_json(plain).as_json() == plain
 
 
 def test_digests_of_policies_with_a_recipe_are_those_of_the_stored_runs():
@@ -91,3 +94,12 @@ def test_an_expert_of_liberos_suites_has_six_tasks_of_its_own():
 def test_only_safetensors_and_json_are_shipped():
     kinds = {path.suffix for folder in zoo_folder().iterdir() if folder.is_dir() for path in folder.rglob("*.*")}
     assert kinds - {".pyc"} == {".safetensors", ".json"}
+
+
+def test_the_robust_experts_need_no_other_checkpoint_but_the_base():
+    metadata = MergedMetadata.verified(shipped("zoo:robust-experts"))
+    assert not metadata.checkpoints
+    assert len(metadata.experts) == 6
+    assert set(metadata.experts) < WITH_EXPERTS
+    assert "calibrated" in metadata.routers
+    assert metadata.base_hash == CheckpointMetadata.read(shipped("zoo:experts") / "robosuite__Lift").base_hash
