@@ -97,7 +97,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
 def paired(frame: pd.DataFrame, policies: Sequence[str]) -> list[np.ndarray]:
     """Success on common episodes: per task, shape (seeds, policies x levels), NaN where one is missing."""
     won = frame[frame.policy.isin(policies)].assign(won=lambda rows: (rows.status == "success").astype(float))
-    levels = list(won[["axis", "severity"]].drop_duplicates().itertuples(index=False, name=None))
+    levels = sorted(set(zip(won.axis, won.severity, strict=True)))
     columns = pd.MultiIndex.from_tuples([(policy, *level) for policy in policies for level in levels])
     found = []
     for _, own in won.groupby("task"):
