@@ -280,6 +280,7 @@ def test_sentences_about_robust_experts_say_the_committed_rows():
         f"{bits[0]}, {bits[2]} and {bits[1]}",
     ):
         assert said in page
+    assert f"the shipped merge loses {merged[2]} points" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("table", [robust_experts, merging_under_shift], ids=lambda module: module.__name__)
