@@ -185,8 +185,8 @@ class CompareEntry(_Sides):
     key = "compare"
     baseline: Name
     others: Names
-    margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """A difference of success rates below this counts as none in the test of equivalence under perturbations."""
+    margin: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """A difference of success rates below this counts as none: under perturbations, equivalence within it is tested."""
 
 
 class AdaptiveEntry(_Model):
@@ -326,7 +326,10 @@ class Suite(_Model):
         evaluated: dict[str, Any] = {"cells": cells, "seeds": [self.seeds.start, self.seeds.count]}
         if self.adaptive is not None:
             sides = self.comparison
-            evaluated["adaptive"] = [self.adaptive.model_dump(), sides.model_dump() if sides else None]
+            evaluated["adaptive"] = [
+                self.adaptive.model_dump(),
+                sides.model_dump(exclude={"margin"}) if sides else None,
+            ]
         return content_hash(evaluated)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,7 @@ from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument,
 from robogauntlet.results.statistics.aggregate import (
     DRAWS,
     Outcomes,
+    mean_of_levels,
     mean_outcomes,
     percentile_interval,
     resampled_means,
@@ -156,11 +156,10 @@ def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> Con
             interactions.append(interaction(policy, axis, len(levels), strata, len(axes)))
         adjusted = benjamini_hochberg([row.p for row in rows])
         losses += [replace(row, adjusted=p) for row, p in zip(rows, adjusted, strict=True)]
-        perturbed = tuple(dict.fromkeys(c.condition for c in document.plan if c.condition.is_on_scale and c.severity))
-        both = [c for name in (sides.baseline, policy) for c in document.plan if c.policy == name]
-        strata = list(eligible.by_condition(both, perturbed).values())
-        if (overall := equivalence(policy, strata, sides.margin)) is not None:
-            equivalences.append(overall)
+        if sides.margin is not None and document.suite.adaptive is None:  # it holds for a number of seeds fixed before
+            strata = _perturbed(document, eligible, (sides.baseline, policy))
+            if (overall := equivalence(policy, strata, sides.margin)) is not None:
+                equivalences.append(overall)
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
     found = (tuple(losses), tuple(interactions), tuple(equivalences), tuple(routers))
     return ConditionComparison(
@@ -189,6 +188,13 @@ def _levels_with_verdicts(
 
 def _cells(document: RunDocument, policy: str, axis: str) -> list[PlannedCell]:
     return [cell for cell in document.plan if cell.policy == policy and cell.axis in (axis, CLEAN)]
+
+
+def _perturbed(document: RunDocument, eligible: EligibleEpisodes, policies: Sequence[str]) -> list[Outcomes]:
+    """Outcomes of all perturbed levels by task, shape (seeds, policies x levels)."""
+    plan = [cell for cell in document.plan if cell.condition.is_on_scale and cell.severity]
+    cells = [cell for policy in policies for cell in plan if cell.policy == policy]
+    return list(eligible.by_condition(cells, tuple(dict.fromkeys(cell.condition for cell in plan))).values())
 
 
 def _loss_rows(policy: str, axis: str, levels: Sequence[int], strata: Sequence[NDArray[np.floating]]) -> list[LossRow]:
@@ -227,46 +233,31 @@ def _extra(means: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
     """Mean loss over perturbed levels minus clean loss (draws,), from means (draws, strata, 2 x levels)."""
     loss = means[..., :levels] - means[..., levels:]
     with np.errstate(invalid="ignore"):
-        return _over_levels(loss[..., 1:] - loss[..., :1])
+        by_level = np.nanmean(loss[..., 1:] - loss[..., :1], axis=-2)
+    return np.asarray(by_level.mean(axis=-1), dtype=np.float64)
 
 
-def equivalence(policy: str, strata: Sequence[Outcomes], margin: float, draws: int = DRAWS) -> Equivalence | None:
+def equivalence(policy: str, strata: Sequence[Outcomes], margin: float) -> Equivalence | None:
     """Test whether a policy and the baseline differ by less than a margin over all perturbed levels together.
 
     D. J. Schuirmann, "A comparison of the two one-sided tests procedure and the power approach for assessing the
     equivalence of average bioavailability", J. Pharmacokinet. Biopharm. 15 (1987) 657-680: both tests at `ALPHA` reject
-    where an interval of 1 - 2 `ALPHA` lies within the margins. It is Student's, with the standard error of a bootstrap
-    that draws whole seeds; the percentiles of so few seeds would be too narrow.
+    where an interval of 1 - 2 `ALPHA` lies within the margins.
 
     Args:
         policy: The other policy.
         strata: Per task, shape (seeds, 2 x levels), the baseline first, NaN without a verdict.
         margin: The largest difference of rates that counts as none.
-        draws: Number of bootstrap samples.
 
     Returns:
         None without a level that both have.
     """
-    from scipy.stats import t
-
     losses = [first - second for first, second in (np.hsplit(outcomes, 2) for outcomes in strata)]
-    pairs = sum(int((~np.isnan(loss)).sum()) for loss in losses)
-    if not pairs:
+    loss = mean_of_levels(losses, 1 - 2 * ALPHA)
+    if loss is None:
         return None
-    levels = np.any([(~np.isnan(loss)).any(axis=0) for loss in losses], axis=0)
-    losses = [loss[:, levels] for loss in losses]
-    generator = np.random.default_rng(int(content_hash(["equivalence", policy]), 16))
-    value = float(_over_levels(mean_outcomes(losses)[None])[0])
-    error = float(_over_levels(resampled_means(losses, generator, draws)).std())
-    freedom = sum(len(loss) - 1 for loss in losses)
-    half = float(t.isf(ALPHA, freedom)) * error if freedom else math.nan
-    interval = Interval(value - half, value + half) if half > 0 else None
-    return Equivalence(policy, int(levels.sum()), pairs, Estimate(value, interval), margin)
-
-
-def _over_levels(means: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean over strata with a value, then over levels (draws,), from (draws, strata, levels)."""
-    return np.asarray(np.nanmean(means, axis=-2).mean(axis=-1), dtype=np.float64)
+    pairs = np.concatenate([~np.isnan(one) for one in losses])
+    return Equivalence(policy, int(pairs.any(axis=0).sum()), int(pairs.sum()), loss, margin)
 
 
 def _routers(document: RunDocument, eligible: EligibleEpisodes, policy: str, axis: str) -> list[RouterRow]:

@@ -159,9 +159,10 @@ def _saving(saving: Saving) -> str:
 def equivalence_sentence(found: Equivalence, baseline: str) -> str:
     """What a policy loses over all perturbed levels, and whether it is shown to be equivalent to the baseline."""
     is_shown = "is shown" if found.is_shown else "is not shown"
+    interval = "90 % interval" if found.loss.interval else "no interval: the seeds of each task are alike"
     return (
         f"{found.policy}: {points(found.loss)} percentage points lost against {baseline} over all "
-        f"{formatting.counted(found.levels, 'perturbed level')} (90 % interval); that they differ by less than "
+        f"{formatting.counted(found.levels, 'perturbed level')} ({interval}); that they differ by less than "
         f"{100 * found.margin:g} points {is_shown}."
     )
 

@@ -59,7 +59,8 @@ DEFINITIONS = {
     "trend p": "One-sided p-value of the hypothesis that success does not fall with severity, conditional on the "
     "successes of each seed; not adjusted for the number of axes.",
     "findings": "From the tests below: drops by the trend test, adjusted over the axes of a policy (Holm, 5 %), "
-    "and differences of policies if the simultaneous interval for all axes excludes 0.",
+    "and differences of policies if the simultaneous interval for all axes excludes 0. Equivalence over all levels, "
+    "levels and tasks having equal weight: Student's 90 % interval lies within the margin (two one-sided tests).",
     "all axes": "Over all levels of all axes, with equal weight of tasks: mean; interquartile mean (IQM); mean "
     "of the worst fifth of the levels (CVaR); and the axis with the lowest mean, with the share of bootstrap samples "
     "in which it is the lowest as well. Intervals by a bootstrap of seeds within tasks, absent for equal values; "

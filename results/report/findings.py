@@ -80,6 +80,9 @@ def _merging(comparison: ConditionComparison) -> list[str]:
     sentences = []
     for policy in comparison.others:
         rows = [row for row in comparison.interactions if row.policy == policy]
+        sentences += [
+            equivalence_sentence(row, comparison.baseline) for row in comparison.equivalences if row.policy == policy
+        ]
         if not rows:
             continue
         clean = next((row for row in comparison.losses if row.policy == policy and not row.severity), None)
@@ -95,9 +98,6 @@ def _merging(comparison: ConditionComparison) -> list[str]:
                 sentences.append(
                     f"{policy} loses {word} against {comparison.baseline} than clean along {_listed(parts)}."
                 )
-        sentences += [
-            equivalence_sentence(row, comparison.baseline) for row in comparison.equivalences if row.policy == policy
-        ]
         if not more and not less:
             sentences.append(
                 f"{policy}: no axis was shown to change its loss against {comparison.baseline} from the clean loss "

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.results.statistics.rates import CONFIDENCE, Interval
+from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
 
 DRAWS = 2000
 WORST_SHARE = 0.2
@@ -72,6 +72,47 @@ def mean_outcomes(strata: Sequence[Outcomes]) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore"):
         sums = [np.nansum(outcomes, axis=0) / (~np.isnan(outcomes)).sum(axis=0) for outcomes in strata]
     return np.array(sums, dtype=float)
+
+
+def mean_of_levels(strata: Sequence[Outcomes], confidence: float = CONFIDENCE) -> Estimate | None:
+    """Mean over the arms of each arm's mean over the strata, with Student's interval for the spread of trials.
+
+    An arm has the weight of any other, and so has each stratum with a value of it. The mean is linear in the trials, so
+    each stratum's variance is that of its trials' weighted deviations; degrees of freedom are those of F. E.
+    Satterthwaite, "An approximate distribution of estimates of variance components", Biometrics Bull. 2 (1946) 110-114.
+
+    Args:
+        strata: Numbers of each arm on each trial, shape (trials, arms), NaN where there is none.
+        confidence: Of the interval.
+
+    Returns:
+        None without a number. Without an interval where all trials of each stratum are alike, or a stratum has one.
+    """
+    from scipy.stats import t
+
+    kept = [outcomes[~np.isnan(outcomes).all(axis=1)] for outcomes in strata]
+    kept = [outcomes for outcomes in kept if len(outcomes)]
+    if not kept:
+        return None
+    means = mean_outcomes(kept)
+    weights = (~np.isnan(means)).sum(axis=0)
+    arms = weights > 0
+    shares = 1 / (arms.sum() * weights[arms])
+    value = float((np.nansum(means[:, arms], axis=0) * shares).sum())
+    if any(len(outcomes) < 2 for outcomes in kept):
+        return Estimate(value, None)
+    variances, freedoms = [], []
+    for outcomes, own in zip(kept, means, strict=True):
+        counts = np.maximum((~np.isnan(outcomes)).sum(axis=0), 1)
+        deviations = np.nansum(((outcomes - own) * (1 / counts))[:, arms] * shares, axis=1)
+        freedoms.append(len(outcomes) - 1)
+        variances.append(len(outcomes) / freedoms[-1] * float((deviations**2).sum()))
+    whole = sum(variances)
+    if whole <= 0:
+        return Estimate(value, None)
+    freedom = whole**2 / sum(one**2 / own for one, own in zip(variances, freedoms, strict=True))
+    half = float(t.isf((1 - confidence) / 2, freedom)) * math.sqrt(whole)
+    return Estimate(value, Interval(value - half, value + half))
 
 
 def percentile_interval(

@@ -13,7 +13,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.results.analysis.condition_comparison import equivalence, interaction
+from robogauntlet.results.analysis.condition_comparison import interaction
+from robogauntlet.results.statistics.aggregate import mean_of_levels
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.statistics.sequential import log_evidence
@@ -152,8 +153,9 @@ def _equivalence(n: int) -> dict[str, float]:
         truth = (rates[0] + rates[1] - rates[2] - rates[3]) / 2
         inside = []
         for _ in range(BOOTSTRAPS):
-            found = equivalence("", _outcomes(generator, n, rates), 0.05)
-            if found is not None and (ends := found.loss.interval) is not None:
+            losses = [np.subtract(*np.hsplit(one, 2)) for one in _outcomes(generator, n, rates)]
+            found = mean_of_levels(losses, 1 - 2 * ALPHA)
+            if found is not None and (ends := found.interval) is not None:
                 inside.append(ends.low <= truth <= ends.high)
         cells[f"p {rates}"] = float(np.mean(inside))
     return cells

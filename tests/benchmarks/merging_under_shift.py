@@ -13,6 +13,7 @@ import pandas as pd
 
 from robogauntlet.results.analysis.condition_comparison import Equivalence, equivalence
 from robogauntlet.results.report.formatting import points
+from robogauntlet.results.statistics.aggregate import mean_of_levels
 from tests.benchmarks.robust_experts import EXPERTS, SEVERITIES, paired, played
 from tests.benchmarks.shared import table_of
 
@@ -48,6 +49,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
 
 
 def _row(found: Equivalence, strata: list[np.ndarray]) -> dict[str, object]:
-    rates = [float(np.nanmean(np.concatenate([np.hsplit(one, 2)[side].ravel() for one in strata]))) for side in (0, 1)]
+    sides = (mean_of_levels([np.hsplit(one, 2)[side] for one in strata]) for side in (0, 1))
+    baseline, rate = (side.value for side in sides if side)
     shown = "shown" if found.is_shown else "not shown"
-    return {"pairs": found.pairs, "baseline": rates[0], "rate": rates[1], "lost": points(found.loss), "shown": shown}
+    return {"pairs": found.pairs, "baseline": baseline, "rate": rate, "lost": points(found.loss), "shown": shown}

@@ -15,8 +15,9 @@ import pandas as pd
 
 from robogauntlet.results.analysis.eligible_episodes import select_eligible
 from robogauntlet.results.api import open_run
+from robogauntlet.results.report.formatting import points
 from robogauntlet.results.run_document import read_run
-from robogauntlet.results.statistics.aggregate import percentile_interval, resampled_means
+from robogauntlet.results.statistics.aggregate import mean_of_levels
 from robogauntlet.suites.episode import CLEAN
 from tests.benchmarks.document import write_episodes
 from tests.benchmarks.shared import table_of
@@ -31,6 +32,8 @@ TRAINED_ON = (
     *("table", "distractors", "object-position", "robot-start"),
 )
 """Axes along which the scenes of the demonstrations vary."""
+WORDS = "instruction"
+"""Training changes words, but in another way than this axis."""
 EPISODE = ("policy", "task", "axis", "severity", "seed", "status")
 """Columns of an episode, beside `family`."""
 COLUMNS = {"condition": "{name}", "episodes each": "{episodes}"} | {
@@ -62,34 +65,33 @@ def played() -> pd.DataFrame:
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
-    """Success of both families' experts; their difference with a bootstrap interval over start states (task and seed).
+    """Success of both families' experts and their difference, levels and tasks having equal weight.
 
-    `frame` is that of `played`.
+    `frame` is that of `played`. Intervals are Student's, for other start states.
     """
     frame = frame[(frame.policy == EXPERTS) & frame.family.isin(FAMILIES)].assign(policy=lambda rows: rows.family)
-    axes = [axis for axis in sorted(frame.axis.unique()) if axis != CLEAN]
+    axes = [axis for axis in sorted(frame.axis.unique()) if axis not in (CLEAN, WORDS)]
     trained, others = ([axis for axis in axes if (axis in TRAINED_ON) is wanted] for wanted in (True, False))
-    groups = {CLEAN: [CLEAN], f"all {len(axes)} axes": axes}
-    groups |= {f"{len(trained)} axes of the scenes": trained, f"{len(others)} other axes": others}
+    groups = {CLEAN: [CLEAN], f"all {len(axes) + 1} axes": [*axes, WORDS]}
+    groups |= {f"{len(trained)} axes of the scenes": trained, f"{WORDS} (words)": [WORDS]}
+    groups |= {f"{len(others)} other axes": others}
     groups |= {f"{axis}{'' if axis in TRAINED_ON else ' (other)'}": [axis] for axis in (*trained, *others)}
     rows = []
     for name, chosen in groups.items():
         row: dict[str, object] = {"name": name}
         counts = []
         for severity in SEVERITIES:
-            level = frame[frame.axis.isin(chosen) & frame.severity.isin((0, severity))]
-            if level.empty:  # the oracle fails
-                row |= dict.fromkeys((f"zoo{severity}", f"robust{severity}", f"difference{severity}"), "")
-                continue
-            strata = paired(level, FAMILIES)
-            zoo, robust = (np.concatenate([np.hsplit(side, 2)[i].ravel() for side in strata]) for i in (0, 1))
-            losses = [np.subtract(*np.hsplit(side, 2)[::-1]) for side in strata]
-            drawn = np.nanmean(resampled_means(losses, np.random.default_rng(0)), axis=(1, 2))
-            ends = percentile_interval(100 * drawn)
-            points = f"{100 * float(np.nanmean(np.concatenate([loss.ravel() for loss in losses]))):+.0f}"
-            counts.append(int((~np.isnan(zoo)).sum()))
-            row |= {f"zoo{severity}": f"{np.nanmean(zoo):.0%}", f"robust{severity}": f"{np.nanmean(robust):.0%}"}
-            row[f"difference{severity}"] = f"{points} [{ends.low:+.0f}, {ends.high:+.0f}]" if ends else points
+            strata = paired(frame[frame.axis.isin(chosen) & frame.severity.isin((0, severity))], FAMILIES)
+            row |= dict.fromkeys((f"zoo{severity}", f"robust{severity}", f"difference{severity}"), "")
+            if strata:  # the oracle succeeds in a task
+                sides = [[np.hsplit(one, 2)[side] for one in strata] for side in (0, 1)]
+                zoo, robust = (mean_of_levels(side) for side in sides)
+                gain = mean_of_levels([after - before for before, after in zip(*sides, strict=True)])
+                assert zoo
+                assert robust
+                row |= {f"zoo{severity}": f"{zoo.value:.0%}", f"robust{severity}": f"{robust.value:.0%}"}
+                row[f"difference{severity}"] = points(gain)
+                counts.append(sum(int((~np.isnan(one)).sum()) for one in sides[0]))
         rows.append(row | {"episodes": " / ".join(map(str, dict.fromkeys(counts)))})
     return rows
 
@@ -98,10 +100,12 @@ def paired(frame: pd.DataFrame, policies: Sequence[str]) -> list[np.ndarray]:
     """Success on common episodes: per task, shape (seeds, policies x levels), NaN where one is missing."""
     won = frame[frame.policy.isin(policies)].assign(won=lambda rows: (rows.status == "success").astype(float))
     levels = sorted(set(zip(won.axis, won.severity, strict=True)))
-    columns = pd.MultiIndex.from_tuples([(policy, *level) for policy in policies for level in levels])
+    columns = [(policy, *level) for policy in policies for level in levels]
     found = []
-    for _, own in won.groupby("task"):
-        wide = own.pivot(index="seed", columns=["policy", "axis", "severity"], values="won").reindex(columns=columns)
+    for _, own in won.groupby("task") if levels else ():
+        wide = own.pivot(index="seed", columns=["policy", "axis", "severity"], values="won").reindex(
+            columns=pd.MultiIndex.from_tuples(columns)
+        )
         sides = np.stack(np.hsplit(wide.to_numpy(), len(policies)))
         found.append(np.hstack(np.where(np.isnan(sides).any(axis=0), np.nan, sides)))
     return found

@@ -16,11 +16,9 @@ from tests.benchmarks import (
     libero_oracles,
     libero_plus,
     libero_routers,
-    merging_under_shift,
     more_experts,
     more_experts_routing,
     oracles,
-    robust_experts,
     shifted_routing,
     so101,
     training_controls,
@@ -259,34 +257,6 @@ def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
     for row in json.loads((MEASUREMENTS / "shifted_routing.json").read_text(encoding="utf-8"))["rows"]:
         rates = shifted_routing.rates(row["decisions"], sorted(shifted_routing.SENTENCES))
         assert {shift: row[shift] for shift in shifted_routing.SHIFTS} == rates
-
-
-def test_sentences_about_robust_experts_say_the_committed_rows():
-    page = (ROOT / "docs/robustness.md").read_text(encoding="utf-8")
-    measured = json.loads((MEASUREMENTS / "robust_experts.json").read_text(encoding="utf-8"))
-    rows = {row["name"]: row for row in measured["rows"]}
-    every, scenes = rows["all 18 axes"], rows["10 axes of the scenes"]
-    costs = json.loads((MEASUREMENTS / "merging_under_shift.json").read_text(encoding="utf-8"))["rows"]
-    lost = {(row["policy"], row["experts"]): row["lost"] for row in costs if row["where"] == "both severities"}
-    merged, bits = (
-        [lost[policy, who] for who in merging_under_shift.SETTINGS] for policy in ("merged", "unmerged-int4")
-    )
-    for said in (
-        f"{scenes['difference2']} points over its ten axes at severity 2 and {scenes['difference4']} at 4",
-        f"at severity 2 the robust experts succeed in {every['robust2'][:-1]} %, the zoo's in {every['zoo2'][:-1]} %",
-        f"is {rows['instruction (other)']['robust4'][:-1]} % instead of {rows['instruction (other)']['zoo4'][:-1]} %",
-        *(f"({rows[axis]['robust4'][:-1]} %)" for axis in ("camera-bump (other)", "table", "robot-start")),
-        f"{merged[0]} for the zoo's six experts, {merged[2]} for all nine, {merged[1]} for the robust ones",
-        f"{bits[0]}, {bits[2]} and {bits[1]}",
-    ):
-        assert said in page
-    assert f"the shipped merge loses {merged[2]} points" in (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("table", [robust_experts, merging_under_shift], ids=lambda module: module.__name__)
-def test_tables_of_robust_experts_count_the_committed_episodes(table):
-    rows = json.loads((MEASUREMENTS / f"{table.__name__.rsplit('.')[-1]}.json").read_text(encoding="utf-8"))["rows"]
-    assert table.rows_of(pd.read_parquet(MEASUREMENTS / "robust_experts.parquet")) == rows
 
 
 def test_the_matrix_of_simulators_counts_the_oracles_episodes():

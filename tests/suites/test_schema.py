@@ -65,6 +65,14 @@ def test_another_policy_content_is_another_suite_hash():
     assert suite().content_hash({**DIGESTS, "random": "2"}, NAMES) != suite().content_hash(DIGESTS, NAMES)
 
 
+def test_the_margin_of_a_comparison_is_not_in_the_hash_of_an_adaptive_suite():
+    plain, tested = (
+        suite(compare={"baseline": "random", "others": ["zero"], **margin}, adaptive={"max_seeds": 9})
+        for margin in ({}, {"margin": 0.05})
+    )
+    assert tested.content_hash(DIGESTS, NAMES) == plain.content_hash(DIGESTS, NAMES)
+
+
 def test_one_routed_policy_needs_no_list():
     assert suite(**MERGING).merging.routed == ("merged",)
 

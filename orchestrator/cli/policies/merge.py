@@ -177,7 +177,7 @@ def _check_routers(names: Sequence[str], demonstrations: Sequence[Path]) -> None
         raise MergeError("expected --demonstrations with --router, got none")
     for name in names:
         if name not in READ:
-            raise MergeError(f"expected --router {', '.join(READ)}, got '{name}'{did_you_mean(name, READ)}")
+            raise MergeError(f"expected --router {' or '.join(READ)}, got '{name}'{did_you_mean(name, READ)}")
 
 
 def _is_leftover(path: Path) -> bool:

@@ -111,9 +111,10 @@ def fit_routers(
     specs = [feature_spec_of(model.architecture, sees_instruction=sees) for sees in (True, False)]
     fits: list[tuple[str, RouterFit]] = []
     for spec in specs:
-        for name, fitting in ((name, fitting) for name, fitting in FITTED.items() if not names or name in names):
-            parts = fitting_features(fitting, model, frames, held_out, spec)
-            fits.append((name, fitting.fit(*parts, feature_spec=spec)))
+        for name, fitting in FITTED.items():
+            if not names or name in names:
+                parts = fitting_features(fitting, model, frames, held_out, spec)
+                fits.append((name, fitting.fit(*parts, feature_spec=spec)))
     if not names or SELF_TRAINED in names:
         pool, others = (list(chain.from_iterable(part.values())) for part in (frames, held_out))
         with nullcontext() if names else suppress(RoutingError):  # too few observations to label by themselves

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from robogauntlet.results.analysis.condition_comparison import equivalence, first_to_fail, interaction
-from robogauntlet.results.analysis.robustness import Repeats
+from robogauntlet.results.analysis.robustness import COLUMNS, Repeats, build_robustness
 from robogauntlet.results.report import condition_comparison as words
 from robogauntlet.results.report.findings import findings
+from robogauntlet.results.report.parquet import read_frame
+from robogauntlet.results.run_document import read_run
 from robogauntlet.suites.episode import Condition
-from robogauntlet.suites.schema import CompareEntry
+from robogauntlet.suites.schema import AdaptiveEntry, CompareEntry
+from tests import ROOT
 from tests.results.synthetic import cells, document, robustness_of, row, rows_where
 
 AXES = ("noise", "blur")
@@ -68,6 +71,10 @@ def test_losing_more_than_under_the_clean_condition_is_shown_where_it_is_so():
     assert corrected.low < own.low < own.high < corrected.high
 
 
+def compared(results, margin=0.05, **changes):
+    return built(results, compare=COMPARE.model_copy(update={"margin": margin}), **changes)
+
+
 def test_a_policy_that_loses_little_is_shown_to_be_equivalent_within_the_margin_that_the_suite_sets():
     """Both fail at every tenth seed, and merged at another one of fifty."""
     fails = {"expert": {0, 10, 20, 30, 40}, "merged": {0, 7, 10, 20, 30, 40}}
@@ -76,18 +83,17 @@ def test_a_policy_that_loses_little_is_shown_to_be_equivalent_within_the_margin_
         for cell in PLAN
         for seed in range(SEEDS)
     ]
-    (wide,), (narrow,) = (
-        built(same, compare=COMPARE.model_copy(update={"margin": margin})).condition_comparison.equivalences
-        for margin in (0.06, 0.01)
-    )
+    robustness = compared(same, 0.06)
+    (wide,) = robustness.condition_comparison.equivalences
     assert (wide.policy, wide.levels, wide.pairs) == ("merged", 4, 2 * 4 * SEEDS)
     assert wide.loss.value == pytest.approx(1 / SEEDS)
     assert wide.is_shown
-    assert not narrow.is_shown
+    assert any(text.endswith("that they differ by less than 6 points is shown.") for text in findings(robustness))
+    assert not compared(same, 0.01).condition_comparison.equivalences[0].is_shown
 
 
 def test_a_policy_that_loses_more_than_the_margin_is_not_called_equivalent():
-    robustness = built()
+    robustness = compared(rows())
     (found,) = robustness.condition_comparison.equivalences
     assert found.loss.value == pytest.approx((0.6 + 0.1) / 2, abs=0.1)
     assert not found.is_shown
@@ -96,20 +102,44 @@ def test_a_policy_that_loses_more_than_the_margin_is_not_called_equivalent():
     assert sentence.endswith("that they differ by less than 5 points is not shown.")
 
 
-def test_a_level_or_task_without_a_verdict_of_both_does_not_count():
-    kept = rows(plan=[cell for cell in PLAN if (cell.policy, cell.condition.axis) != ("merged", "noise")])
-    (found,) = built(kept).condition_comparison.equivalences
+def test_equal_outcomes_have_no_interval_and_show_nothing():
+    robustness = compared([row(cell, seed, "success") for cell in PLAN for seed in range(SEEDS)])
+    assert not robustness.condition_comparison.equivalences[0].is_shown
+    assert any("(no interval: the seeds of each task are alike)" in text for text in findings(robustness))
+
+
+def test_a_level_without_a_verdict_of_both_does_not_count():
+    (found,) = compared(
+        rows(plan=[cell for cell in PLAN if (cell.policy, cell.condition.axis) != ("merged", "noise")])
+    ).condition_comparison.equivalences
     assert (found.levels, found.pairs) == (2, 2 * 2 * SEEDS)
     assert found.loss.value == pytest.approx(0.1, abs=0.08)
 
 
-def test_policies_that_differ_by_the_margin_are_rarely_called_equivalent():
-    """1,000 experiments of two tasks with 30 seeds and two levels: 5 % are wrong, up to 7 by chance."""
+def test_the_sentences_about_the_kept_run_are_findings_from_its_rows():
+    kept = ROOT / "docs/reports/shift"
+    built = build_robustness(read_run(kept), read_frame(kept / "episodes.parquet", COLUMNS))
+    said = [line[2:] for line in (kept / "README.md").read_text("utf-8").splitlines() if line.startswith("- ")]
+    assert len(said) == 7
+    assert set(said) <= set(findings(built))
+
+
+def test_equivalence_is_tested_only_with_a_margin_and_a_number_of_seeds_that_was_fixed_before():
+    assert not built().condition_comparison.equivalences
+    adaptive = AdaptiveEntry(max_seeds=SEEDS)
+    assert not compared(rows(), adaptive=adaptive).condition_comparison.equivalences
+
+
+@pytest.mark.parametrize("spread", [(0, 1, 2, 3, 4, 5), (0,)])
+def test_policies_that_differ_by_the_margin_are_rarely_called_equivalent(spread):
+    """2,000 experiments of six tasks with four seeds and six levels; the seeds of these tasks differ, others agree."""
     generator, wrong = np.random.default_rng(12), 0
-    for _ in range(1000):
-        strata = [(generator.random((30, 4)) < [0.8, 0.6, 0.6, 0.4]).astype(float) for _ in TASKS]
-        wrong += equivalence("merged", strata, 0.2, draws=400).is_shown
-    assert wrong / 1000 <= 0.07
+    for _ in range(2000):
+        fails = [generator.random((4, 1)) < (0.3 if task in spread else 0.0) for task in range(6)]
+        strata = [np.hstack([np.ones((4, 6)), 1.0 - np.tile(fail, 6)]) for fail in fails]
+        found = equivalence("merged", strata, 0.3 * len(spread) / 6)
+        wrong += found.is_shown
+    assert wrong / 2000 <= 0.07
 
 
 def test_the_interval_of_the_extra_loss_covers_the_true_loss_with_its_confidence():
