@@ -208,7 +208,9 @@ OTHERS = {
     "compare": {
         "{baseline: random}": "missing key 'others'",
         "{baseline: random, others: []}": "expected at least one entry, found an empty list",
-        "{baseline: random, others: [zero], margin: 2}": "compare.margin: expected less than 1, got 2",
+        "{baseline: random, others: [zero], margin: 2}": "compare.margin: expected a value less than 1, found 2",
+        "{baseline: random, others: [zero], margin: 0}": "compare.margin: expected a value greater than 0, found 0",
+        "{baseline: random, others: [zero], margin: much}": "compare.margin: expected a valid number, found text",
         "{baseline: random, others: [random]}": "compare names policy 'random' twice; each side is another policy",
         "{baseline: random, others: [zeor]}": "compare names no policy of this suite: 'zeor'; did you mean 'zero'?",
     },
