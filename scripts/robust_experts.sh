@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Experts of scenes that vary along ten axes, with words that are changed in training, and their merges, beside the zoo's
-# under all axes: demonstrations, experts from the zoo's base, two merged models, three runs. Finished parts are skipped and
+# under all axes: demonstrations, experts from the zoo's base, two merged models, two runs. Finished parts are skipped and
 # stopped ones continue, so the same command goes on after any interruption.
 # Usage: scripts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some three hours on two cores.
-# PERCENT=2 does the same in minutes from a fiftieth of everything: see percent.sh.
+# PERCENT=2 AXES=table does the same in minutes from a fiftieth of everything, along one axis: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/percent.sh
@@ -48,8 +48,8 @@ merge() {
 merge merged --operator magnitude --keep-blocks 1 --rounds 2
 merge unmerged-int4 --operator none --masks none --bits 4
 
-AXES="camera-orbit camera-distance field-of-view camera-bump illuminance light-direction colour-temperature table distractors
-object-position robot-start dynamics noise blur frozen-frames action-noise action-delay instruction"
+AXES=${AXES:-"camera-orbit camera-distance field-of-view camera-bump illuminance light-direction colour-temperature table distractors
+object-position robot-start dynamics noise blur frozen-frames action-noise action-delay instruction"}
 # The run of a family on some tasks: its experts, what is merged from them, and themselves with four bits per weight.
 play() {
     cat >"$FOLDER/$1.yaml" <<END
@@ -71,6 +71,5 @@ render_profile: fast-2
 END
     "$ROBOGAUNTLET" run "$FOLDER/$1.yaml" --out "$FOLDER/runs/$1" --no-media
 }
-play zoo zoo: "${tasks[@]}"
 play robust "$FOLDER/" "${tasks[@]}"
-play zoo-others zoo: maniskill/StackCube-v1 pybullet/PandaPush-v3 robosuite/Stack
+play zoo zoo: "${tasks[@]}" maniskill/StackCube-v1 pybullet/PandaPush-v3 robosuite/Stack

@@ -1,6 +1,6 @@
 """Robust experts beside the zoo's under all axes at severities 2 and 4.
 
-`ROBUST=FOLDER python -m tests.benchmarks robust_experts` reads the three runs of `scripts/robust_experts.sh` (default
+`ROBUST=FOLDER python -m tests.benchmarks robust_experts` reads the two runs of `scripts/robust_experts.sh` (default
 `runs/robust-experts`).
 """
 
@@ -23,8 +23,6 @@ from tests.benchmarks.document import write_episodes
 from tests.benchmarks.shared import table_of
 
 FAMILIES = ("zoo", "robust")
-RUNS = (*FAMILIES, "zoo-others")
-"""The last one plays the zoo's other three tasks."""
 EXPERTS, ORACLE = "experts", "oracle"
 SEVERITIES = (2, 4)
 TRAINED_ON = (
@@ -55,7 +53,7 @@ def measure() -> list[dict[str, object]]:
 def played() -> pd.DataFrame:
     """The runs' episodes that count, with the columns `family` and `EPISODE`, without the oracle's."""
     parts = []
-    for family in RUNS:
+    for family in FAMILIES:
         folder = Path(os.environ.get("ROBUST", "runs/robust-experts")) / "runs" / family
         frame, document = open_run(folder).episodes((*EPISODE, "policy_digest")), read_run(folder)
         cells = [cell for cell in document.plan if cell.policy != ORACLE]

@@ -27,7 +27,10 @@ def test_sentences_about_robust_experts_say_the_committed_rows():
         f"at severity 2 the robust experts succeed in {every['robust2'][:-1]} %, the zoo's in {every['zoo2'][:-1]} %",
         f"is {rows['instruction (words)']['robust4'][:-1]} % instead of {rows['instruction (words)']['zoo4'][:-1]} %",
         f"no change is shown: {others['difference2']} and {others['difference4']}",
-        *(f"({rows[axis]['robust4'][:-1]} %)" for axis in ("camera-bump (other)", "table", "robot-start")),
+        *(
+            f"({rows[axis]['robust4'][:-1]} %)"
+            for axis in ("camera-bump (other)", "table", "robot-start", "object-position")
+        ),
         f"({rows['action-noise (other)']['robust4'][:-1]} % of 8)",
         f"{merged[2]['lost']} in all nine tasks, {merged[0]['lost']} in the six",
         f"this is not shown: {merged[1]['lost']}",

@@ -177,7 +177,8 @@ def _check_routers(names: Sequence[str], demonstrations: Sequence[Path]) -> None
         raise MergeError("expected --demonstrations with --router, got none")
     for name in names:
         if name not in READ:
-            raise MergeError(f"expected --router {' or '.join(READ)}, got '{name}'{did_you_mean(name, READ)}")
+            known = f"{', '.join(list(READ)[:-1])} or {list(READ)[-1]}"
+            raise MergeError(f"expected --router {known}, got '{name}'{did_you_mean(name, READ)}")
 
 
 def _is_leftover(path: Path) -> bool:

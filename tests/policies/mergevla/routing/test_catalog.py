@@ -140,3 +140,9 @@ def test_the_message_for_a_router_of_another_format_says_what_to_do(stored):
     others = {key: tensor for key, tensor in stored.items() if not key.endswith("/whitening")}
     with pytest.raises(PolicyError, match=r"expected whitening .* got none; merge again with --demonstrations"):
         router("calibrated", stored=others)
+
+
+def test_a_named_router_that_cannot_be_fitted_is_refused(model):
+    few = {task: one if number < 2 else [] for number, (task, one) in enumerate(frames(0, 1).items())}
+    with pytest.raises(RoutingError, match="first observations or more, got 2"):
+        fit_routers(model, few, frames(50, 1), ["self-trained"])
