@@ -1,10 +1,12 @@
 """Fixtures that all tests share."""
 
+import gc
 import os
 import signal
 import tempfile
 from collections import Counter
 
+import pytest
 from hypothesis import settings
 
 from robogauntlet.adapters import catalog
@@ -38,3 +40,13 @@ def pytest_collection_modifyitems(items):
     for item in items:
         seconds[item.path] += 0.1 + sum(weight for mark, weight in weights.items() if item.get_closest_marker(mark))
     items.sort(key=lambda item: -seconds[item.path])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Tests and the modules that they import stay to the end: the garbage collector need not look at them."""
+    gc.disable()
+    result = yield
+    gc.freeze()
+    gc.enable()
+    return result

@@ -8,15 +8,17 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from robogauntlet.orchestrator.ray_runtime import idle_agent
+from robogauntlet.orchestrator.ray_runtime import idle_agent, setup_worker
 
 UNUSED = ("start_monitor", "start_log_monitor", "start_api_server")
 """How Ray starts its autoscaler, its log monitor and the server of its dashboard, which nothing here uses."""
 _INTERPRETER = "_build_python_executable_command_memory_profileable"
 """Returns the first words of the command of a part that is written in Python."""
 _AGENT = "dashboard_agent"
+_SETUP = "SETUP_WORKER_FILENAME"
+"""Name of the script that becomes a worker, in a folder of Ray's unless it is a whole path."""
 _VERSION = "2.60."
-"""The version of Ray whose agent can be replaced: others may wait for something else."""
+"""The version of Ray whose agent and script can be replaced: others may need something else of them."""
 
 
 @contextlib.contextmanager
@@ -33,9 +35,13 @@ def without_unused_parts() -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         for name in unused:
             stack.enter_context(_replaced(node, name, lambda *_, **__: None))
+        is_known = ray.__version__.startswith(_VERSION)
+        if is_known:
+            constants = importlib.import_module("ray._private.ray_constants")
+            stack.enter_context(_replaced(constants, _SETUP, setup_worker.__file__))
         services = importlib.import_module("ray._private.services")
         interpreter = getattr(services, _INTERPRETER, None)
-        if interpreter is not None and not has_dashboard and ray.__version__.startswith(_VERSION):
+        if interpreter is not None and not has_dashboard and is_known:
 
             def command(part: str, *arguments: Any, **options: Any) -> list[str]:
                 if part == _AGENT:

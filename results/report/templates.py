@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
+@cache
 def template_environment(*folders: Path, longest: int | None = None) -> Environment:
-    """Return an environment for the templates in these folders.
+    """Return the environment for the templates in these folders.
 
     Values are escaped, and their unprintable characters except line breaks are shown as escapes; of texts with more
     than `longest` characters only the start is shown, with their length. An undefined name is an error.

@@ -1,4 +1,4 @@
-"""A start of Ray on one machine, as runs do it, beside one with all of Ray's parts; each in a new process, by turns."""
+"""A start of Ray and of a worker on one machine, as runs do it, beside Ray's own; each in a new process, by turns."""
 
 import json
 import subprocess
@@ -11,8 +11,8 @@ from tests.processes import environment_of
 
 PAIRS = 5
 CODE = """
-import contextlib, json, sys, time
-import psutil
+import contextlib, json, os, sys, time
+import psutil, ray
 from robogauntlet.orchestrator.ray_runtime import session
 
 if sys.argv[1] == "all":
@@ -24,14 +24,18 @@ with session.ray_session(address=None, workers=1):
     parts = psutil.Process().children(recursive=True)
     spent = sum(sum(part.cpu_times()[:2]) for part in parts)
     memory = sum(part.memory_info().rss for part in parts) / 1e6
+    begin = time.perf_counter()
+    worker = ray.remote(num_cpus=0, runtime_env={"env_vars": {"NAME": "value"}})(lambda: sum(os.times()[:2]))
+    result = {"worker": ray.get(worker.remote()), "worker_up": time.perf_counter() - begin}
     end = time.perf_counter()
-print(json.dumps({"up": up, "down": time.perf_counter() - end, "spent": spent, "memory": memory, "parts": len(parts)}))
+result |= {"up": up, "down": time.perf_counter() - end, "spent": spent, "memory": memory, "parts": len(parts)}
+print(json.dumps(result))
 """
 TITLES = {"all": "all of Ray's parts", "used": "those that a run uses"}
 
 
 def measure() -> list[dict[str, object]]:
-    """Medians: seconds until Ray is up and down, processor time (s), memory (MB) and number of its processes."""
+    """Medians: seconds until Ray and a worker are up and Ray is down; processor time (s), memory (MB), processes."""
     found: dict[str, list[dict[str, float]]] = {way: [] for way in TITLES}
     for _ in range(PAIRS):
         for way, starts in found.items():
@@ -43,5 +47,6 @@ def measure() -> list[dict[str, object]]:
         for way, starts in found.items()
     ]
     columns = {"started": "{way}", "processes": "{parts:.0f}", "processor time, s": "{spent:.2f}"}
-    table_of(rows, columns | {"memory, MB": "{memory:.0f}", "up, s": "{up:.1f}", "down, s": "{down:.1f}"})
+    columns |= {"memory, MB": "{memory:.0f}", "up, s": "{up:.1f}", "down, s": "{down:.1f}"}
+    table_of(rows, columns | {"a worker: processor time, s": "{worker:.2f}", "a worker: up, s": "{worker_up:.1f}"})
     return rows
