@@ -46,7 +46,9 @@ def pytest_collection_modifyitems(items):
 def pytest_collection():
     """Tests and the modules that they import stay to the end: the garbage collector need not look at them."""
     gc.disable()
-    result = yield
-    gc.freeze()
-    gc.enable()
-    return result
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()

@@ -1,4 +1,4 @@
-"""Which of its processes Ray starts, by private names of it: there is no public interface."""
+"""Which of its processes Ray starts, and how, by private names of it: there is no public interface."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ _INTERPRETER = "_build_python_executable_command_memory_profileable"
 """Returns the first words of the command of a part that is written in Python."""
 _AGENT = "dashboard_agent"
 _SETUP = "SETUP_WORKER_FILENAME"
-"""Name of the script that becomes a worker, in a folder of Ray's unless it is a whole path."""
+"""Name of the script that becomes a worker, in a folder of Ray's unless it is an absolute path. Ray's node knows it by
+the name of its file, so ours has the same."""
 _VERSION = "2.60."
 """The version of Ray whose agent and script can be replaced: others may need something else of them."""
 
 
 @contextlib.contextmanager
 def without_unused_parts() -> Iterator[None]:
-    """Start only those processes of Ray that a session on one machine needs.
+    """Start only those processes of Ray that a session on one machine needs, and workers without importing Ray twice.
 
     Where Ray's dashboard is installed, it has its agent and its server, which the agent would look for every second.
     """

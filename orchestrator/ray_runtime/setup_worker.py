@@ -1,6 +1,7 @@
 """Stands in for the script with which Ray sets a worker's environment up: that imports Ray, and the worker once more.
 
-A script of its own, which imports nothing that takes time. Its options are those of Ray's, and so are its effects.
+A script of its own, which imports nothing that takes time. Its options and effects are those of Ray's, for workers in
+Python on Linux.
 """
 
 import json
@@ -22,10 +23,10 @@ def set_variables(variables: Mapping[str, str]) -> None:
 def become_worker(arguments: Sequence[str]) -> None:
     """Replace this process by the worker of these arguments, of which those two options are not its own."""
     context = json.loads(next((word.removeprefix(CONTEXT) for word in arguments if word.startswith(CONTEXT)), "{}"))
-    words = [shlex.quote(word) for word in arguments if not word.startswith((CONTEXT, LANGUAGE))]
+    script, *words = (word for word in arguments if not word.startswith((CONTEXT, LANGUAGE)))
     set_variables(context.get("env_vars") or {})
-    entry_point = context.get("override_worker_entrypoint")
-    command = ["exec", context.get("py_executable") or sys.executable, entry_point or words[0], *words[1:]]
+    script = context.get("override_worker_entrypoint") or script
+    command = ["exec", context.get("py_executable") or sys.executable, *map(shlex.quote, (script, *words))]
     os.execvp("bash", ["bash", "-c", " ".join([*(context.get("command_prefix") or ()), *command])])
 
 

@@ -13,7 +13,7 @@ from robogauntlet.results.report.condition_comparison import condition_text
 from robogauntlet.results.report.formatting import escape_html
 from robogauntlet.results.report.page import FOLDER, SERIES
 from robogauntlet.results.report.robustness import axis_curves, axis_heading, known_rates, severity_text
-from robogauntlet.results.report.templates import template_environment
+from robogauntlet.results.report.templates import report_templates
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.statistics.rates import Interval
 from robogauntlet.suites.axes import AXES
@@ -34,7 +34,7 @@ def render_explorer(document: RunDocument, tables: Tables, robustness: Robustnes
     last = (robustness.oracle_gate, *robustness.no_skill_baselines)
     simulators = sorted({curve.simulator for curve in curves if curve.simulator is not None})
     return (
-        template_environment(FOLDER)
+        report_templates()
         .get_template("explore.html.jinja")
         .render(
             name=document.suite.name,

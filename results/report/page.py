@@ -22,7 +22,7 @@ from robogauntlet.results.report import robots as robots_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.media import Media, Video, task_picture
 from robogauntlet.results.report.summary import ERROR_GROUPS, Report
-from robogauntlet.results.report.templates import template_environment
+from robogauntlet.results.report.templates import report_templates
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import Condition
 
@@ -72,7 +72,7 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
     shown = _shown(tables)
     series = {policy: place % SERIES for place, policy in enumerate(tables.policies)}
     return (
-        template_environment(FOLDER)
+        report_templates()
         .get_template("report.html.jinja")
         .render(
             document=document,

@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-@cache
 def template_environment(*folders: Path, longest: int | None = None) -> Environment:
-    """Return the environment for the templates in these folders.
+    """Return an environment for the templates in these folders.
 
     Values are escaped, and their unprintable characters except line breaks are shown as escapes; of texts with more
     than `longest` characters only the start is shown, with their length. An undefined name is an error.
@@ -29,6 +28,12 @@ def template_environment(*folders: Path, longest: int | None = None) -> Environm
         lstrip_blocks=True,
         finalize=partial(_finalize, longest),
     )
+
+
+@cache
+def report_templates() -> Environment:
+    """Return the environment of the report's pages, whose templates are compiled once in a process."""
+    return template_environment(Path(__file__).parent)
 
 
 def _finalize(longest: int | None, value: Any) -> Any:

@@ -36,32 +36,29 @@ def measure() -> list[dict[str, object]]:
     """Mean coverage over all cells of each interval and size, with the worst cell; error rates of each test."""
     rows: list[dict[str, object]] = []
     for name, simulate in (
-        ("Wilson", lambda n: _of_counts(n, wilson_interval)),
-        ("Newcombe, paired", _newcombe),
-        ("area kept, bootstrap", _area),
-        ("lost beyond clean, bootstrap", _interaction),
+        ("Wilson, 95 %", lambda n: _of_counts(n, wilson_interval)),
+        ("Newcombe, paired, 95 %", _newcombe),
+        ("area kept, bootstrap, 95 %", _area),
+        ("lost beyond clean, bootstrap, 95 %", _interaction),
         ("lost over all levels, 90 %", _equivalence),
     ):
-        for n in SIZES:
-            cells = simulate(n)
-            worst = min(cells, key=lambda cell: cells[cell])
-            mean = float(np.mean(list(cells.values())))
-            covered = f"mean {100 * mean:.2f} %, worst {100 * cells[worst]:.2f} % at {worst}"
-            print(f"{name}, n = {n}: {covered} ({len(cells)} cells)", flush=True)
-            row = {"interval": name, "n": n, "cells": len(cells), "mean": mean}
-            rows.append({**row, "worst": cells[worst], "at": worst})
-    print()
-    errors = [
-        {"test": name, "n": n, "rejects": test(n)}
+        found = {n: simulate(n) for n in SIZES}
+        n, cell = min(((n, cell) for n, cells in found.items() for cell in cells), key=lambda at: found[at[0]][at[1]])
+        means = {f"n{n}": float(np.mean(list(cells.values()))) for n, cells in found.items()}
+        worst = {"worst": found[n][cell], "at": cell, "worst_n": n, "cells": len(found[n])}
+        rows.append({"name": name, **means, **worst, "text": f"{100 * found[n][cell]:.1f} % ({cell}; n = {n})"})
+        print(rows[-1], flush=True)
+    rows += [
+        {"name": name, **{f"n{n}": test(n) for n in SIZES}, "text": ""}
         for name, test in (
-            ("McNemar, exact", _mcnemar),
-            ("falling trend", _trend),
-            ("e-process, evaluated after every pair", _evidence),
+            ("McNemar, exact, rejects", _mcnemar),
+            ("falling trend, rejects", _trend),
+            ("e-process, evaluated after every pair, rejects", _evidence),
         )
-        for n in SIZES
     ]
-    table_of(errors, {"test of a true null (5 %)": "{test}", "n": "{n}", "rejected": "{rejects:.2%}"})
-    return rows + errors
+    shares = {f"n = {n}": f"{{n{n}:.1%}}" for n in SIZES}
+    table_of(rows, {"interval, or test at 5 %": "{name}", **shares, "worst of an interval": "{text}"})
+    return rows
 
 
 def _of_counts(n: int, interval: Callable[[int, int], Interval | None]) -> dict[str, float]:

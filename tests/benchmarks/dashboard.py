@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import statistics
 import tempfile
-import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tests.benchmarks.shared import table_of
+from tests.orchestrator.dashboard.crowd import BEARER, served_by_process
 
 RUNS, ROUNDS, DAY = 10_000, 21, 86_400.0
 POLICIES, SUITES = ("experts", "merged", "merged-instruction-hidden"), ("nightly", "screening", "smoke")
 
 
 def measure() -> list[dict[str, object]]:
-    """Fill a store, serve it, and request each page repeatedly."""
+    """Fill a store, serve it as users do, and request each page repeatedly."""
     import httpx2
 
     with tempfile.TemporaryDirectory() as name:
@@ -25,12 +25,15 @@ def measure() -> list[dict[str, object]]:
         start = time.perf_counter()
         newest = _fill(root)
         print(f"{RUNS:,} runs stored in {time.perf_counter() - start:.0f} s", flush=True)
-        address, stop = _serve(root)
-        try:
-            rows = [_page(httpx2.Client(base_url=address, trust_env=False), path) for path in _paths(newest)]
-        finally:
-            stop()
-    columns = {"page": "{page}", "median": "{median_ms:.0f} ms", "worst": "{worst_ms:.0f} ms", "size": "{bytes:,} B"}
+        with served_by_process(root) as server:
+            client = httpx2.Client(base_url=server.address, headers=BEARER, trust_env=False)
+            rows = [_page(client, path) for path in _paths(newest)]
+    columns = {
+        "page": "`{name}`",
+        "median, ms": "{median_ms:.0f}",
+        "worst, ms": "{worst_ms:.0f}",
+        "size, B": "{bytes:,}",
+    }
     table_of(rows, columns)
     return rows
 
@@ -52,7 +55,8 @@ def _page(client: Any, path: str) -> dict[str, object]:
         answer = client.get(path, timeout=120)
         times.append(1000 * (time.perf_counter() - start))
         size = len(answer.raise_for_status().content)
-    return {"page": path, "median_ms": statistics.median(times), "worst_ms": max(times), "bytes": size}
+    name = re.sub(r"[0-9a-f]{32}", "ID", path)
+    return {"name": name, "median_ms": statistics.median(times), "worst_ms": max(times), "bytes": size}
 
 
 def _fill(root: Path) -> str:
@@ -99,33 +103,3 @@ def _fill(root: Path) -> str:
     history.write_live_status(f"{RUNS - 4:032x}", live_status(120))
     history.close()
     return run_id
-
-
-def _serve(root: Path) -> tuple[str, Callable[[], None]]:
-    """Start the server; return its address and a function that stops it."""
-    import uvicorn
-
-    from robogauntlet.orchestrator.cli.serve import listen
-    from robogauntlet.orchestrator.dashboard.app import create_app
-    from robogauntlet.orchestrator.dashboard.app_state import Settings
-    from robogauntlet.orchestrator.schedules.store import ScheduleStore
-    from robogauntlet.results.store.database import file_url
-    from robogauntlet.results.store.run_history import History
-
-    history = History.open(file_url(root / "history.sqlite"))
-    schedule_store = ScheduleStore.open(history.url)
-    listening = listen("127.0.0.1", 0)
-    app = create_app(history, schedule_store, Settings(root / "none"))
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False, ws="none"))
-    thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-
-    def stop() -> None:
-        server.should_exit = True
-        thread.join(10)
-        history.close()
-        schedule_store.close()
-
-    return f"http://127.0.0.1:{listening.getsockname()[1]}", stop

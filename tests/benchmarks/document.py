@@ -32,7 +32,8 @@ BLOCK = re.compile(rf"(<!-- measured: (\w+) -->\n).*?{END}", re.DOTALL)
 def machine() -> str:
     """Cores and model of the processor, and the GPU if there is one."""
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
-    cores = f"{len(os.sched_getaffinity(0))} cores of {model[1] if model else platform.processor()}"
+    count = len(os.sched_getaffinity(0))
+    cores = f"{count} core{'s' * (count > 1)} of {model[1] if model else platform.processor()}"
     if shutil.which("nvidia-smi") is None:
         return cores
     query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]

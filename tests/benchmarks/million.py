@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 
 EPISODES = 1_000_000
 CODE = """
@@ -31,11 +31,10 @@ def measure() -> list[dict[str, object]]:
         filled = time.perf_counter() - start
         done = subprocess.run([sys.executable, "-c", CODE, str(run)], check=True, capture_output=True, text=True)
         seconds, memory = map(float, done.stdout.split())
-    table(
-        ("episodes", "to store", "to report", "memory"),
-        [(f"{episodes:,}", f"{filled:.0f} s", f"{seconds:.1f} s", f"{memory:,.0f} MiB")],
-    )
-    return [{"episodes": episodes, "store_s": filled, "report_s": seconds, "memory_mib": memory}]
+    rows: list[dict[str, object]] = [{"episodes": episodes, "store_s": filled, "report_s": seconds, "memory": memory}]
+    columns = {"episodes": "{episodes:,}", "storing them, s": "{store_s:.0f}", "their report, s": "{report_s:.0f}"}
+    table_of(rows, columns | {"memory, MiB": "{memory:,.0f}"})
+    return rows
 
 
 def _fill(folder: Path) -> int:

@@ -9,11 +9,10 @@ import statistics
 
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
-from robogauntlet.orchestrator.runs.plan import why_unadjusted
 from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Protocol, RenderProfile, View
-from tests.benchmarks.shared import TASKS, open_task, table
+from tests.benchmarks.shared import TASKS, open_task, table_of
 
 SEEDS = 5
 STEPS, REPLAN = 40, 4
@@ -23,14 +22,12 @@ VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
 
 
 def measure() -> list[dict[str, object]]:
-    """The median ratio over seeds, for each axis."""
-    rows: list[dict[str, object]] = []
-    axes = [axis for axis in AXES.values() if axis.name not in CONTROLS]
+    """The median ratios over seeds, for each axis, of the first episode of a seed and of a later one."""
+    rows: dict[str, dict[str, object]] = {name: {"axis": name} for name in AXES if name not in CONTROLS}
     for task in TASKS:
         simulation, policy = open_task(task, VIEW), policies.load("untrained", {})
-        for axis in axes:
-            if why_unadjusted(axis, task):
-                continue
+        simulator = task.partition("/")[0]
+        for axis, row in rows.items():
             first, later = [], []
             for seed in range(SEEDS + 1):
                 references = ReferenceImages()
@@ -41,15 +38,16 @@ def measure() -> list[dict[str, object]]:
                         Episode("untrained", "untrained", task, seed, Protocol(STEPS, REPLAN, VIEW), condition),
                         references=references,
                     ).wall_s
-                    for condition in (Condition(), *[Condition(axis.name, SEVERITY)] * 2)
+                    for condition in (Condition(), *[Condition(axis, SEVERITY)] * 2)
                 )
                 first.append(once / clean)
                 later.append(again / clean)
-            ratios = {"ratio_first": statistics.median(first[1:]), "ratio": statistics.median(later[1:])}
-            rows.append({"task": task, "axis": axis.name, **ratios})  # the first seed warms up
-            print(f"{task}: {axis.name} {ratios['ratio_first']:.3f}, {ratios['ratio']:.3f}", flush=True)
+            found = statistics.median(first[1:]), statistics.median(later[1:])  # the first seed warms up
+            row[f"{simulator}_first"], row[simulator] = found
+            print(f"{task}: {axis} {found[0]:.3f}, {found[1]:.3f}", flush=True)
         simulation.close()
-    found = {(row["task"], row["axis"]): f"{row['ratio_first']:.3f}, {row['ratio']:.3f}" for row in rows}
-    print("first episode of a seed, later ones")
-    table(("axis", *TASKS), [(axis.name, *(found.get((task, axis.name), "-") for task in TASKS)) for axis in axes])
-    return rows
+    columns = {"axis": "`{axis}`"}
+    for simulator in (task.partition("/")[0] for task in TASKS):
+        columns |= {simulator: f"{{{simulator}_first:.2f}}, {{{simulator}:.2f}}"}
+    table_of(list(rows.values()), columns)
+    return list(rows.values())

@@ -55,10 +55,10 @@ def measure() -> list[dict[str, object]]:
             share = used / (time.perf_counter() - began) / len(os.sched_getaffinity(0))
             server.terminate()
             server.wait()
-            row = {"pair": pair, "alone_s": alone, "watched_s": watched, "ratio": watched / alone, "server": share}
+            row = {"pair": pair + 1, "alone_s": alone, "watched_s": watched, "ratio": watched / alone, "server": share}
             rows.append({**row, "answers": answers[0], "errors": errors[0]})
     columns = {"pair": "{pair}", "alone (s)": "{alone_s:.1f}", f"watched by {READERS} (s)": "{watched_s:.1f}"}
-    columns |= {"ratio": "{ratio:.3f}", "server, of all cores": "{server:.4f}"}
+    columns |= {"ratio": "{ratio:.3f}", "server, of all cores": "{server:.1%}"}
     table_of(rows, columns | {"answers": "{answers}", "errors": "{errors}"})
     return rows
 

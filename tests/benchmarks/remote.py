@@ -43,14 +43,14 @@ def measure() -> list[dict[str, object]]:
         rows = [_row("in the process", "python", options)]
         with _server(folder) as address:
             rows.append(_row("served", "openpi", {"address": address}))
-            rows.append(_row("served, with options", "openpi", {"address": address, "execute": 8}))
+            rows.append(_row("served, `execute: 8`", "openpi", {"address": address, "execute": 8}))
     local = float(str(rows[0]["median_ms"]))
     for row in rows:
         row["over_ms"] = float(str(row["median_ms"])) - local
     load = os.getloadavg()[0]
     print(f"{QUERIES} queries each; load of the machine {load:.1f} on {os.cpu_count()} cores")
-    columns = {"policy": "{policy}", "median ms": "{median_ms:.3f}", "p95 ms": "{p95_ms:.3f}"}
-    table_of(rows, columns | {"over the process ms": "{over_ms:.3f}"})
+    columns = {"policy": "{policy}", "median, ms": "{median_ms:.2f}", "95 %, ms": "{p95_ms:.2f}"}
+    table_of(rows, columns | {"beyond the process, ms": "{over_ms:.2f}"})
     return [{**row, "load": load} for row in rows]
 
 

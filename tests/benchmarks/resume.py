@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 from tests.processes import GAUNTLET
 
 PLANNED, MISSING = 1_000_000, 100
@@ -29,11 +29,10 @@ def measure() -> list[dict[str, object]]:
         begun = _first_episode_s(suite, folder)
         _fill(suite, folder)
         continued = _first_episode_s(suite, folder)
-    table(
-        ("existing rows", "a new run's first episode", "the continued run's first new episode"),
-        [(f"{PLANNED - MISSING:,}", f"{begun:.1f} s", f"{continued:.1f} s")],
-    )
-    return [{"rows": PLANNED - MISSING, "new_run_s": begun, "continued_s": continued}]
+    rows: list[dict[str, object]] = [{"rows": PLANNED - MISSING, "new_run_s": begun, "continued_s": continued}]
+    columns = {"stored rows": "{rows:,}", "a new run's first episode, s": "{new_run_s:.1f}"}
+    table_of(rows, columns | {"the continued run's first new episode, s": "{continued_s:.1f}"})
+    return rows
 
 
 def _first_episode_s(suite: Path, folder: Path) -> float:

@@ -1,0 +1,59 @@
+"""Every measurement that a page names can be made, and its rows are committed."""
+
+import importlib
+import json
+import re
+import time
+
+import pytest
+
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.ray_runtime.session import ray_session
+from tests import ROOT
+from tests.benchmarks import environments
+from tests.benchmarks.document import MEASUREMENTS, PAGES
+
+NAMED = re.compile(r"python -m\s+tests\.benchmarks\s+(\w+)")
+FILES = sorted(MEASUREMENTS.glob("*.json"))
+PERFORMANCE = (ROOT / "docs/performance.md").read_text(encoding="utf-8")
+
+
+def rows(name):
+    return json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))["rows"]
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
+def test_the_rows_of_every_benchmark_that_a_page_names_are_committed(page):
+    named = set(NAMED.findall(page.read_text(encoding="utf-8")))
+    assert named <= {path.stem for path in FILES}
+
+
+def test_every_committed_measurement_has_a_benchmark():
+    measured = [json.loads(path.read_text(encoding="utf-8")) | {"name": path.stem} for path in FILES]
+    names = [one["name"] for one in measured if "command" not in one]
+    assert all(callable(importlib.import_module(f"tests.benchmarks.{name}").measure) for name in names)
+
+
+def test_the_ratios_to_the_harness_are_those_of_the_rows():
+    own = [row for row in rows("vla_eval") if "own" in row["frames"]]
+    untrained, experts = (
+        [row["ratio"] for row in own if row["policy"] == policy] for policy in ("untrained", "mergevla-experts")
+    )
+    assert f"({min(untrained):.1f} to {max(untrained):.1f})" in PERFORMANCE
+    assert f"({min(experts):.1f} to {max(experts):.1f})" in PERFORMANCE.replace("\n", " ")
+
+
+def test_the_estimates_of_larger_clusters_are_from_the_rows():
+    page = (ROOT / "docs/scaling.md").read_text(encoding="utf-8")
+    largest = rows("scale")[-1]
+    for workers in (160, 1_600):
+        assert f"{100 * largest['computing'] * workers / largest['workers']:.0f} % of a core" in page
+    assert f"it handles {round(largest['per_second'], -2):,.0f} |" in page
+
+
+@pytest.mark.ray
+def test_the_first_reset_of_a_worker_is_found_behind_the_loading_of_its_policy():
+    with ray_session(address=None, workers=1):
+        began = time.time()
+        seconds = environments._first_reset("null/Reach", EnvironmentResolver({}))
+        assert 0.0 < seconds < time.time() - began
