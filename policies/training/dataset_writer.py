@@ -36,6 +36,7 @@ from robogauntlet.policies.training.lerobot_format import (
 )
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.files import replacing
+from robogauntlet.support.interrupts import deferred_interrupts
 from robogauntlet.support.json_text import parse_json
 
 SUCCESS_STATUS = "success"
@@ -128,12 +129,16 @@ class DatasetWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Commit the pending episodes; they are dropped if that fails. Raises as `commit`."""
+        """Commit the pending episodes; they are dropped if that fails. Raises as `commit`.
+
+        A Ctrl-C waits until they are committed.
+        """
         if not self._added:
             return
-        added, self._added = self._added, []
-        self.commit([attempt for attempt, _ in added], [episode for _, episode in added if episode is not None])
-        self._committed_at = self._now()
+        with deferred_interrupts():
+            added, self._added = self._added, []
+            self.commit([attempt for attempt, _ in added], [episode for _, episode in added if episode is not None])
+            self._committed_at = self._now()
 
     def commit(self, attempts: Sequence[Attempt], episodes: Sequence[EncodedEpisode]) -> None:
         """Write played seeds and the episodes that are kept of them, in order.

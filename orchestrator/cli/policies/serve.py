@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,6 +12,7 @@ from robogauntlet.orchestrator.cli.common import TOKEN, Host, PolicyOptions, Por
 from robogauntlet.policies import catalog
 from robogauntlet.policies.references import FORMS, read_options, read_reference, with_options
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.interrupts import SIGNALS
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.inference.websocket_server import PolicyServer
@@ -56,7 +56,7 @@ def serve(
 
 async def _until_stopped(server: PolicyServer) -> None:
     stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     listening = await server.start()
     try:

@@ -18,11 +18,10 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import BadInput, describe_os_error_at
+from robogauntlet.support.interrupts import SIGNALS
 
 if TYPE_CHECKING:
     from robogauntlet.policies.training.finetune import TrainingResult, TrainingStatus
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class TrainingProgress(Display):

@@ -1,11 +1,13 @@
 """A dataset is written in steps, and committed episodes are kept."""
 
 import json
+import signal
 
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from robogauntlet.policies.training import dataset_writer
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
 from robogauntlet.policies.training.lerobot_format import DatasetError, encode_episode
@@ -74,6 +76,22 @@ def test_pending_episodes_are_not_part_of_the_dataset(tmp_path, recordings):
     assert DatasetWriter(tmp_path, SOURCE).episodes == 1
     writer.flush()
     writer.flush()
+    assert DatasetWriter(tmp_path, SOURCE).episodes == 2
+
+
+def test_ctrl_c_during_a_commit_loses_no_episode(tmp_path, recordings, monkeypatch):
+    write_json = dataset_writer._write_json
+
+    def interrupt(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        write_json(*arguments)
+
+    writer = DatasetWriter(tmp_path, SOURCE)
+    for each in recordings[:2]:
+        writer.add(won(each), encode_episode(each))
+    monkeypatch.setattr(dataset_writer, "_write_json", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        writer.flush()
     assert DatasetWriter(tmp_path, SOURCE).episodes == 2
 
 
