@@ -21,7 +21,6 @@ DEFINITIONS = {
     "rate": "Successes / (successes + failures).",
     "interval": "95 % Wilson interval, in brackets after the rate: 19 of 20 such intervals contain the true rate.",
     "pooled": "Rates over several tasks weigh every episode equally; the mean of tasks weighs every task equally.",
-    "condition": "Clean, or a perturbation axis at a severity from 1 (mild) to 5 (extreme).",
     "error": "An episode that could not be played. It is neither a success nor a failure and is excluded from rates.",
     "bounds": "The rate if all errors and missing episodes had failed, and if all had succeeded.",
     "done": "Episodes with a result: success, failure or error. The others are missing.",

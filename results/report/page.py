@@ -86,7 +86,7 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
             skipped_episodes=facts.skipped_episodes(tables),
             error_groups=tables.errors[:ERROR_GROUPS],
             series=series,
-            matrix=[row for row in _matrix(tables) if report.robustness is None or row.total.condition == shown],
+            matrix=[row for row in _matrix(tables) if row.total.condition == shown],
             several=len(tables.conditions) > 1,
             shown=shown,
             forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},

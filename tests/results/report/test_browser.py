@@ -11,7 +11,7 @@ from robogauntlet.results.report import write_report
 from tests.contrast import CHROMIUM, check_contrast
 from tests.results.analysis.test_condition_comparison import COMPARE, PLAN, SEEDS, rows
 from tests.results.routed import routed_document, routed_rows
-from tests.results.synthetic import document, run_folder
+from tests.results.synthetic import cells, document, rows_where, run_folder
 
 pytestmark = [
     pytest.mark.slow,
@@ -35,8 +35,9 @@ onload = () => {{
     cells: page.querySelectorAll(".maps td.right").length,
     findings: page.querySelectorAll(".findings li").length,
     contents: [box(page.querySelector(".contents")).right, box(page.querySelector("main")).left],
+    cut: [...page.querySelectorAll("#rates .scroll")].map((e) => e.scrollWidth - e.clientWidth),
     follows: page.defaultView.getComputedStyle(page.querySelector(".contents")).position,
-    colour: page.defaultView.getComputedStyle(cell).backgroundColor,
+    colour: cell && page.defaultView.getComputedStyle(cell).backgroundColor,
     broken: [...page.links].filter((a) => a.hash && !page.getElementById(a.hash.slice(1))).map((a) => a.hash),
     unnamed: [...page.querySelectorAll("svg[role=img]")].filter((s) => !s.getAttribute("aria-label")).length,
   }});
@@ -141,6 +142,13 @@ def test_the_contents_list_stays_beside_the_report_on_a_desk(page, width, tmp_pa
     assert found["scroll"] <= found["width"]
     assert found["contents"][0] <= found["contents"][1]
     assert found["follows"] == "sticky"
+
+
+def test_rates_in_three_simulators_fit_a_small_desk(tmp_path):
+    plan = cells(("oracle", "zoo:unmerged-int4"))
+    folder = run_folder(tmp_path / "run", document(of=plan), rows_where(lambda cell, seed: True, plan, 10))
+    found = measured(write_report(folder).paths.html.read_text(), 1200, tmp_path)
+    assert found["cut"] == [0]
 
 
 @pytest.mark.parametrize("width", [1119, 390])
