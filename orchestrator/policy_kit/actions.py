@@ -39,12 +39,18 @@ def limits(plays: Sequence[Play], spec: ActionSpec) -> Iterator[Finding]:
     if not actions[:, :6].any():
         yield Finding("motion", Level.WARNING, "all translations and rotations are 0: the policy stands still")
         return
-    if len(actions) > 1 and (actions == actions[0]).all():
-        yield Finding("motion", Level.WARNING, f"all {len(actions)} actions are the same: {_numbers(actions[0])}")
+    yield from constant(actions)
     yield from _translation(plays, actions[:, :3], spec.max_translation)
     turned = [name for name in ACTION_NAMES[3:6] if name not in spec.ignored]
     if turned and spec.max_rotation:
         yield _rotation(actions[:, 3:6], spec.max_rotation)
+
+
+def constant(actions: FloatArray) -> Iterator[Finding]:
+    """Whether all actions, shape (steps, numbers of an action), are the same."""
+    if len(actions) > 1 and (actions == actions[0]).all():
+        numbers = ", ".join(f"{value:.3g}" for value in actions[0])
+        yield Finding("motion", Level.WARNING, f"all {len(actions)} actions are the same: {numbers}")
 
 
 def _translation(plays: Sequence[Play], moves: FloatArray, limit: float) -> Iterator[Finding]:
@@ -106,8 +112,8 @@ def _rotation(turns: FloatArray, limit: float) -> Finding:
 
 
 def gripper(plays: Sequence[Play], spec: ActionSpec) -> Iterator[Finding]:
-    """What the seventh number does over the episodes."""
-    values = np.concatenate([play.actions()[:, 6] for play in plays])
+    """What the last number does over the episodes."""
+    values = np.concatenate([play.actions()[:, -1] for play in plays])
     low, high, distinct = float(values.min()), float(values.max()), np.unique(np.round(values, 6))
     numbers = {"lowest": low, "highest": high, "distinct": float(len(distinct))}
     if len(distinct) == 1:
@@ -132,7 +138,3 @@ def gripper(plays: Sequence[Play], spec: ActionSpec) -> Iterator[Finding]:
     if "gripper" in spec.ignored:
         remark += "; this task ignores the gripper"
     yield Finding("gripper", level, f"{kind}: {remark}", numbers)
-
-
-def _numbers(action: FloatArray) -> str:
-    return ", ".join(f"{value:.3g}" for value in action)

@@ -12,9 +12,9 @@ from multiprocessing import get_context
 import numpy as np
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import Body, Image, Simulation
+from robogauntlet.adapters.contract import Image, Simulation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
-from robogauntlet.orchestrator.policy_kit import actions, motion, observation, repetition
+from robogauntlet.orchestrator.policy_kit import actions, joints, motion, observation, repetition
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.orchestrator.policy_kit.picture import draw_picture
 from robogauntlet.orchestrator.policy_kit.recording import InvalidAnswer, Play, play
@@ -60,11 +60,8 @@ def check_policy(probe: Probe) -> Iterator[Finding | Image]:
         PolicyError: The policy cannot be loaded, or cannot act in the task.
         AdapterError: The task cannot be opened.
     """
-    if (body := simulators.body_of(probe.task)) != Body():
-        others = "targets of joints" if body.joints else "two arms"
-        raise PolicyError(
-            f"expected a task of one arm whose tool is moved, to check a policy; {probe.task} has {others}"
-        )
+    if simulators.body_of(probe.task).arms != 1:
+        raise PolicyError(f"expected a task of one arm, to check a policy; {probe.task} has two arms")
     policy = build_policy(probe.source)
     try:
         try:
@@ -134,7 +131,7 @@ class _Check:
         executed = np.concatenate([played.actions() for played in plays])
         replan_every = first.episode.protocol.replan_every
         yield from actions.answers([first, other, again], replan_every)
-        yield from actions.limits(plays, spec)
+        yield from joints.targets(plays, spec) if spec.joints else actions.limits(plays, spec)
         moves = list(motion.movements(simulation, executed, probe.seed))
         yield from motion.components(simulation, executed, moves)
         yield from actions.gripper(plays, spec)

@@ -15,6 +15,7 @@ from robogauntlet.orchestrator.policy_kit.recording import Play
 STEPS = 5
 """Control steps for which one number is applied alone."""
 GRIPPER_STEPS = 15
+TRANSLATIONS, ROTATIONS = ACTION_NAMES[:3], ACTION_NAMES[3:6]
 DIRECTIONS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 """Positive and negative direction of x, y, z."""
 TURNS = (
@@ -31,25 +32,27 @@ class Movement:
     name: str
     value: float
     translation: FloatArray
-    """Of the tool, per step, beyond that of an action of zeros: (3,), m."""
+    """Of the tool, per step, beyond that of an arm that holds its pose: (3,), m."""
     rotation: FloatArray
     """The same as an axis-angle vector in the base frame: (3,), rad."""
 
 
 def movements(simulation: Simulation, actions: FloatArray, seed: int) -> Iterator[Movement]:
-    """Apply the mean of each of the first six numbers alone, from the reset of a seed.
+    """Apply the mean of each number but the gripper's alone, from the reset of a seed.
 
-    A number whose mean is far below its size is applied with its root mean square.
+    A number whose mean is far below its size is applied with its root mean square. Targets of joints count from where
+    the joint starts.
     """
-    idle = _moved(simulation, np.zeros(ACTION_DIM), seed)
-    for index, name in enumerate(ACTION_NAMES[:6]):
+    holding = _holding(simulation, seed)
+    idle = _moved(simulation, holding, seed)
+    for index, name in enumerate(simulation.action_spec.names[:-1]):
         if name in simulation.action_spec.ignored:
             continue
-        value = typical(actions[:, index])
+        value = typical(actions[:, index] - holding[index])
         if value == 0:
             continue
-        action = np.zeros(ACTION_DIM)
-        action[index] = value
+        action = holding.copy()
+        action[index] += value
         moved = _moved(simulation, action, seed)
         turned = Rotation.from_rotvec(moved[1]) * Rotation.from_rotvec(idle[1]).inv()
         yield Movement(name, value, (moved[0] - idle[0]) / STEPS, turned.as_rotvec() / STEPS)
@@ -59,6 +62,15 @@ def typical(values: FloatArray) -> float:
     """Return the mean, or the root mean square if the mean is less than a quarter of it."""
     mean, size = float(values.mean()), float(np.sqrt((values**2).mean()))
     return mean if abs(mean) >= size / 4 else size
+
+
+def _holding(simulation: Simulation, seed: int) -> FloatArray:
+    """The action that keeps the arm where the seed starts it."""
+    if not simulation.action_spec.joints:
+        return np.zeros(ACTION_DIM)
+    simulation.reset(seed)
+    state = simulation.privileged_state()
+    return np.append(state["joint_targets"], state["gripper"])
 
 
 def _moved(simulation: Simulation, action: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -74,38 +86,47 @@ def _moved(simulation: Simulation, action: FloatArray, seed: int) -> tuple[Float
 
 
 def components(simulation: Simulation, actions: FloatArray, moves: Sequence[Movement]) -> Iterator[Finding]:
-    """One finding for each of the first six numbers: its size, and what it moves."""
-    found = {move.name: move for move in moves}
-    for index, name in enumerate(ACTION_NAMES[:6]):
+    """One finding for each number but the gripper's: its size, and what it moves."""
+    found, spec = {move.name: move for move in moves}, simulation.action_spec
+    alone = "from the start alone" if spec.joints else "alone"
+    for index, name in enumerate(spec.names[:-1]):
         values = actions[:, index]
-        unit = "m" if index < 3 else "rad"
+        unit = "m" if name in TRANSLATIONS else "rad"
         numbers = {"mean": float(values.mean()), "lowest": float(values.min()), "highest": float(values.max())}
         size = f"{values.mean():+.3g} {unit} on average, {values.min():.3g} to {values.max():.3g}"
-        if name in simulation.action_spec.ignored:
+        if name in spec.ignored:
             text = "always 0; this task ignores it" if not values.any() else f"{size}; this task ignores it"
         elif name not in found:
-            text = "always 0"
+            text = "always where it starts" if spec.joints else "always 0"
         else:
-            text = f"{size}; {found[name].value:+.3g} alone {describe(found[name])}"
-            key, effect = (
-                ("m_per_step", found[name].translation) if index < 3 else ("rad_per_step", found[name].rotation)
-            )
-            numbers |= {f"{axis}_{key}": float(value) for axis, value in zip("xyz", effect, strict=True)}
+            text = f"{size}; {found[name].value:+.3g} {alone} {describe(found[name])}"
+            effects = {} if name in ROTATIONS else {"m_per_step": found[name].translation}
+            effects |= {} if name in TRANSLATIONS else {"rad_per_step": found[name].rotation}
+            for key, effect in effects.items():
+                numbers |= {f"{axis}_{key}": float(value) for axis, value in zip("xyz", effect, strict=True)}
         yield Finding(name, Level.NOTE, text, numbers)
 
 
 def describe(move: Movement) -> str:
-    """Say which way the tool goes, such as `moves the tool forward (+x), 0.8 cm per step`."""
-    if ACTION_NAMES.index(move.name) < 3:
-        axis = int(np.abs(move.translation).argmax())
-        amount = float(move.translation[axis])
-        if abs(amount) < 1e-5:
-            return "does not move the tool"
-        sign = "+" if amount > 0 else "-"
-        word = DIRECTIONS[axis][amount < 0]
-        return f"moves the tool {word} ({sign}{'xyz'[axis]}), {100 * abs(amount):.2g} cm per step"
-    axis = int(np.abs(move.rotation).argmax())
-    amount = float(move.rotation[axis])
+    """Say which way the tool goes, such as `moves the tool forward (+x), 0.8 cm per step`, and how a joint turns it."""
+    parts = [] if move.name in ROTATIONS else [_shift(move.translation)]
+    parts += [] if move.name in TRANSLATIONS else [_turn(move.rotation)]
+    return ", and ".join(parts)
+
+
+def _shift(translation: FloatArray) -> str:
+    axis = int(np.abs(translation).argmax())
+    amount = float(translation[axis])
+    if abs(amount) < 1e-5:
+        return "does not move the tool"
+    sign = "+" if amount > 0 else "-"
+    word = DIRECTIONS[axis][amount < 0]
+    return f"moves the tool {word} ({sign}{'xyz'[axis]}), {100 * abs(amount):.2g} cm per step"
+
+
+def _turn(rotation: FloatArray) -> str:
+    axis = int(np.abs(rotation).argmax())
+    amount = float(rotation[axis])
     if abs(amount) < 1e-4:
         return "does not turn the tool"
     return f"turns the tool {np.degrees(amount):+.2g} degrees per step {TURNS[axis]}"
@@ -115,11 +136,10 @@ def fingers(simulation: Simulation, seed: int) -> Iterator[Finding]:
     """How far the fingers are apart after open and closed commands."""
     if "gripper" in simulation.action_spec.ignored:
         return
-    gaps = []
+    gaps, action = [], _holding(simulation, seed)
     for command in (-1.0, 1.0):
         simulation.reset(seed)
-        action = np.zeros(ACTION_DIM)
-        action[6] = command
+        action[-1] = command
         for _ in range(GRIPPER_STEPS):
             simulation.step(action)
         gaps.append(float(np.abs(simulation.privileged_state()["finger_positions"]).sum()))

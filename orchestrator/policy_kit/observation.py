@@ -10,7 +10,7 @@ import numpy as np
 from robogauntlet.adapters.contract import FloatArray, Image, Observation
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level, percent
 from robogauntlet.orchestrator.policy_kit.recording import Answer, InvalidAnswer, ask_again
-from robogauntlet.policies.contract import Policy
+from robogauntlet.policies.contract import Policy, Query
 
 QUERIES = 3
 """Queries of an episode, from its first on, that are asked again."""
@@ -57,8 +57,13 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
     """
     asked = answers[:QUERIES]
     assert asked[0].query.observation is not None
-    same = ask_again(policy, asked, lambda seen: seen)
-    noise = difference(same, ask_again(policy, asked, lambda seen: seen))
+
+    def answers_to(change: Change) -> list[FloatArray]:
+        chunks = ask_again(policy, asked, change)
+        return [chunk - _holding(answer.query) for chunk, answer in zip(chunks, asked, strict=True)]
+
+    same = answers_to(lambda seen: seen)
+    noise = difference(same, answers_to(lambda seen: seen))
     if noise > NOISY:
         text = (
             f"the actions change by {percent(noise)} although nothing is changed, which hides what the policy looks at"
@@ -69,7 +74,7 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
     effects: dict[str, float] = {}
     for name, change in changes(cameras).items():
         try:
-            effects[name] = difference(same, ask_again(policy, asked, change))
+            effects[name] = difference(same, answers_to(change))
         except InvalidAnswer as error:
             yield Finding("input", Level.WARNING, f"{name}: {error}")
     blind = effects.get("all images black", np.inf) <= MARGIN * noise
@@ -89,6 +94,12 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
         else:
             text, level = f"{usual}; the policy does not tell the difference", Level.WARNING
         yield Finding("input", level, f"{name}: {text}", numbers)
+
+
+def _holding(query: Query) -> FloatArray | float:
+    """The action from which the answer's size counts: targets of joints count from where the joints are."""
+    assert query.observation is not None
+    return query.observation.proprioception if query.observation.of_joints else 0.0
 
 
 def difference(chunks: Sequence[FloatArray], others: Sequence[FloatArray]) -> float:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, FloatArray
+from robogauntlet.adapters.contract import ActionSpec, FloatArray
 from robogauntlet.adapters.contract import Image as Pixels
 from robogauntlet.orchestrator.policy_kit.motion import Movement, describe
 from robogauntlet.orchestrator.replay.contact_sheet import INK, LABEL_WIDTH, PAPER, draw_grid
@@ -29,7 +30,7 @@ def draw_picture(
 
     Args:
         images: Label and images by name, of some queries.
-        actions: Executed actions, shape (steps, 7).
+        actions: Executed actions, shape (steps, numbers of an action).
         spec: The simulation's limits.
         moves: What the numbers do alone.
         title: Its first line.
@@ -38,8 +39,11 @@ def draw_picture(
         Shape (height, width, 3).
     """
     names = list(images[0][1]) if images else []
-    charts = Image.new("RGB", (LABEL_WIDTH + CHART_WIDTH + TEXT_WIDTH, 7 * CHART_HEIGHT + 2 * MARGIN), PAPER)
-    _draw_charts(charts, actions, spec, moves)
+    told = {move.name: f"{move.value:+.2g} {describe(move)}" for move in moves}
+    needed = [math.ceil(_font(11).getlength(text)) + 16 for text in told.values()]
+    width = LABEL_WIDTH + CHART_WIDTH + max([TEXT_WIDTH, *needed])
+    charts = Image.new("RGB", (width, len(spec.names) * CHART_HEIGHT + 2 * MARGIN), PAPER)
+    _draw_charts(charts, actions, spec, told)
     parts = [_text_line(title), charts]
     if images:
         rows = [(label, [_enlarged(shown[name]) for name in names]) for label, shown in images]
@@ -67,16 +71,16 @@ def _enlarged(image: Pixels) -> Pixels:
     return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def _draw_charts(page: Image.Image, actions: FloatArray, spec: ActionSpec, moves: Sequence[Movement]) -> None:
-    draw, words = ImageDraw.Draw(page), {move.name: f"{move.value:+.2g} {describe(move)}" for move in moves}
-    for index, name in enumerate(ACTION_NAMES):
-        values, limit = actions[:, index], float(spec.high[index])
+def _draw_charts(page: Image.Image, actions: FloatArray, spec: ActionSpec, words: Mapping[str, str]) -> None:
+    draw = ImageDraw.Draw(page)
+    for index, name in enumerate(spec.names):
+        values, bounds = actions[:, index], (float(spec.low[index]), float(spec.high[index]))
         top = MARGIN + index * CHART_HEIGHT
         middle, half = top + CHART_HEIGHT / 2, CHART_HEIGHT / 2 - 5
-        scale = half / (max(float(np.abs(values).max()), limit) or 1.0)
+        scale = half / (max(float(np.abs(values).max()), *map(abs, bounds)) or 1.0)
         draw.text((2, middle - 8), f"{name}  {values.min():.3g} to {values.max():.3g}", fill=INK, font=_font(11))
         draw.line([(LABEL_WIDTH, middle), (LABEL_WIDTH + CHART_WIDTH, middle)], fill=ZERO)
-        for bound in (-limit, limit):
+        for bound in bounds:
             draw.line(
                 [(LABEL_WIDTH, middle - bound * scale), (LABEL_WIDTH + CHART_WIDTH, middle - bound * scale)], BOUND
             )

@@ -38,7 +38,7 @@ class Answer:
 
     query: Query
     chunk: FloatArray
-    """Shape (n, 7)."""
+    """Shape (n, numbers of an action)."""
     seconds: float
 
 
@@ -52,10 +52,12 @@ class Play:
     """Positions of the tool after each step, beginning with the reset, shape (steps + 1, 3), m."""
     distances: dict[str, FloatArray]
     """Name of an object or goal to its distance from the tool, shape (steps + 1,), m."""
+    joint_angles: FloatArray
+    """Of an arm with targets of joints at the reset, shape (joints,), rad; of others (0,)."""
     success: bool
 
     def actions(self) -> FloatArray:
-        """Return the actions that were executed, unclipped, shape (steps, 7)."""
+        """Return the actions that were executed, unclipped, shape (steps, numbers of an action)."""
         steps, chunks = len(self.tool) - 1, []
         for answer, end in zip(self.answers, [*(a.query.step for a in self.answers[1:]), steps], strict=True):
             chunks.append(answer.chunk[: end - answer.query.step])
@@ -139,10 +141,12 @@ def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
     recording = RecordingPolicy(policy)
     tool: list[FloatArray] = []
     distances: dict[str, list[float]] = {}
+    angles: list[FloatArray] = []
 
     def watch(simulation: Simulation, step: int) -> None:
         state = simulation.privileged_state()
         tool.append(state["tcp_position"])
+        angles.append(state.get("joint_angles", np.zeros(0)))
         for name, value in state.items():
             if name.endswith("_position") and name != "tcp_position" and np.shape(value) == (3,):
                 distances.setdefault(name.removesuffix("_position"), []).append(
@@ -155,7 +159,7 @@ def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
         policy.finish([episode])
         raise
     found = {name: np.array(values) for name, values in distances.items()}
-    return Play(episode, tuple(recording.answers), np.array(tool), found, result.status == Status.SUCCESS)
+    return Play(episode, tuple(recording.answers), np.array(tool), found, angles[0], result.status == Status.SUCCESS)
 
 
 def ask_again(

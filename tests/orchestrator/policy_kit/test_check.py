@@ -67,7 +67,7 @@ def failed(results):
 
 
 def test_a_task_of_two_arms_is_refused_in_one_line():
-    with one_line_error(PolicyError, "one arm whose tool is moved, to check a policy; .* has two arms"):
+    with one_line_error(PolicyError, "one arm, to check a policy; .* has two arms"):
         checked("oracle", {}, "robosuite/TwoArmLift@TwoPandas")
 
 

@@ -1,0 +1,101 @@
+"""The check of a policy judges targets of joints: their units, where they begin, and how fast they change."""
+
+import numpy as np
+import pytest
+
+from robogauntlet.adapters.contract import ActionSpec, Joint
+from robogauntlet.orchestrator.policy_kit import joints
+from robogauntlet.orchestrator.policy_kit.finding import Level
+from robogauntlet.orchestrator.policy_kit.recording import Answer, Play
+from robogauntlet.policies.contract import Query
+from robogauntlet.suites.episode import Episode, Protocol
+from tests.orchestrator.policy_kit.test_check import checked, found, only
+
+SPEC = ActionSpec(0.0, 0.0, 20.0, joints=(Joint("pan", -1.0, 1.0, 0.1), Joint("lift", -2.0, 2.0, 0.1)))
+START = np.array([0.2, -1.0])
+POLICY = """
+import numpy as np
+
+def act(images, proprioception, instruction):
+    targets = np.tile(proprioception, (4, 1))
+    targets[:, :] += np.linspace(0.25, 1, 4)[:, None] * np.array({step})
+    return {scale} * targets
+"""
+
+
+def played(actions):
+    """A play of one answer with these targets, from `START`."""
+    actions = np.column_stack([actions, np.ones(len(actions))])
+    episode = Episode("p", "", "so101/Push", 0, Protocol(len(actions)))
+    answer = Answer(Query(episode, 0, None, None), actions, 0.0)
+    return Play(episode, (answer,), np.zeros((len(actions) + 1, 3)), {}, START, success=False)
+
+
+def judged(actions):
+    """Level and text of the findings by topic."""
+    return {finding.topic: (finding.level, finding.text) for finding in joints.targets([played(actions)], SPEC)}
+
+
+def going(*steps):
+    """Targets that go from the start in steps of this size."""
+    return START + np.outer(np.arange(1, 11), steps)
+
+
+@pytest.mark.parametrize(
+    ("actions", "level", "text"),
+    [
+        (going(0.05, 0.05), Level.OK, "within the joints' ranges; the first is 0.05 rad away"),
+        (np.degrees(going(0.05, 0.05)), Level.WARNING, "are not radians: degrees (joint_scale: 0.01745)"),
+        (np.full((10, 2), 0.05), Level.WARNING, "the first target is 1.1 rad from where lift is: changes instead of"),
+        (-going(0.05, 0.05), Level.WARNING, "the first target is 1.9 rad from where lift is"),
+        (going(0.1, 0.0), Level.NOTE, "20 % of the actions have targets beyond a joint's range, and are clipped (pan)"),
+        (going(0.4, 0.0), Level.WARNING, "80 % of the actions have targets beyond a joint's range"),
+    ],
+)
+def test_units_and_start_of_targets_are_judged(actions, level, text):
+    found = judged(actions)["targets"]
+    assert (found[0], text in found[1]) == (level, True), found
+
+
+@pytest.mark.parametrize(
+    ("actions", "level", "text"),
+    [
+        (going(0.05, 0.1), Level.OK, "up to 0.1 rad per step, and the joints can follow"),
+        (going(0.05, 0.2), Level.WARNING, "up to 0.2 rad per step; in 100 % of the steps a joint cannot follow"),
+    ],
+)
+def test_targets_that_change_faster_than_the_joints_are_told(actions, level, text):
+    found = judged(actions)["speed"]
+    assert (found[0], text in found[1]) == (level, True), found
+
+
+def test_constant_targets_are_told():
+    assert judged(np.tile(START, (3, 1)))["motion"][1] == "all 3 actions are the same: 0.2, -1, 1"
+
+
+@pytest.mark.simulator
+def test_each_joint_is_told_by_what_it_moves_in_the_simulation(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    text = POLICY.format(step="[0.1, 0, 0, 0, 0.1, 0]", scale=1.0)
+    (tmp_path / "joints_right.py").write_text(text)
+    options = {"callable": "joints_right:act", "folder": str(tmp_path)}
+    results = checked("python", options, "so101/PickPlace")
+    assert only(results, "targets").level is Level.OK
+    assert "alone moves the tool right (-y)" in only(results, "shoulder_pan").text
+    assert "turns the tool" in only(results, "wrist_roll").text
+    assert only(results, "wrist_roll").numbers["z_rad_per_step"] > 0.03
+    assert abs(only(results, "elbow_flex").numbers["z_m_per_step"]) < 0.01
+    fingers = only(results, "fingers").numbers
+    assert fingers["open_m"] > fingers["closed_m"] + 0.02
+    assert found(results, "translation") == []
+    assert results[-1].dtype == np.uint8
+
+
+@pytest.mark.simulator
+def test_targets_in_degrees_are_told_with_the_option_that_converts_them(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "joints_degrees.py").write_text(POLICY.format(step="[0.1, 0, 0, 0, 0, 0]", scale=57.3))
+    options = {"callable": "joints_degrees:act", "folder": str(tmp_path)}
+    results = checked("python", options, "so101/PickPlace")
+    assert "degrees (joint_scale: 0.01745)" in only(results, "targets").text
+    assert only(results, "gripper").level is Level.WARNING
