@@ -48,6 +48,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.ranges import MAX_FIRST_SEED
 from robogauntlet.suites.schema import expand_tasks
 from robogauntlet.support.errors import BadInput, describe_os_error
+from robogauntlet.support.interrupts import deferred_interrupts
 
 ORACLE = "oracle"
 NOISE = 0.1
@@ -243,8 +244,9 @@ def recording(result: RecordingResult, writers: Iterable[DatasetWriter]) -> Iter
         try:
             yield
         finally:
-            for writer in writers:
-                writer.flush()
+            with deferred_interrupts():
+                for writer in writers:
+                    writer.flush()
     except KeyboardInterrupt:
         result.status = RunStatus.INTERRUPTED
     except (OSError, RayLost, WorkerPoolError) as error:

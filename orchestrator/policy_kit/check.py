@@ -132,7 +132,7 @@ class _Check:
         replan_every = first.episode.protocol.replan_every
         yield from actions.answers([first, other, again], replan_every)
         yield from joints.targets(plays, spec) if spec.joints else actions.limits(plays, spec)
-        moves = list(motion.movements(simulation, executed, probe.seed))
+        moves = list(motion.movements(simulation, plays))
         yield from motion.components(simulation, executed, moves)
         yield from actions.gripper(plays, spec)
         yield from motion.fingers(simulation, probe.seed)

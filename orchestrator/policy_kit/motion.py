@@ -16,6 +16,8 @@ STEPS = 5
 """Control steps for which one number is applied alone."""
 GRIPPER_STEPS = 15
 TRANSLATIONS, ROTATIONS = ACTION_NAMES[:3], ACTION_NAMES[3:6]
+HELD = 0.03
+"""A target within this distance of where its joint starts holds it (rad); gravity bends an arm by as much."""
 DIRECTIONS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 """Positive and negative direction of x, y, z."""
 TURNS = (
@@ -27,35 +29,37 @@ TURNS = (
 
 @dataclass(frozen=True)
 class Movement:
-    """What one number of the action does alone, at a given value."""
+    """What one number of the action does alone, at a given value, beyond what an arm does that holds its pose."""
 
     name: str
     value: float
+    """For a joint, the change of its target from where it starts (rad)."""
     translation: FloatArray
-    """Of the tool, per step, beyond that of an arm that holds its pose: (3,), m."""
+    """Of the tool, per step, or in all for a joint: (3,), m."""
     rotation: FloatArray
     """The same as an axis-angle vector in the base frame: (3,), rad."""
 
 
-def movements(simulation: Simulation, actions: FloatArray, seed: int) -> Iterator[Movement]:
-    """Apply the mean of each number but the gripper's alone, from the reset of a seed.
+def movements(simulation: Simulation, plays: Sequence[Play]) -> Iterator[Movement]:
+    """Apply the mean of each number but the gripper's alone, from the reset of the first play.
 
     A number whose mean is far below its size is applied with its root mean square. Targets of joints count from where
-    the joint starts.
+    they start, and change by no more than a joint follows in `STEPS` steps.
     """
-    holding = _holding(simulation, seed)
+    spec, seed = simulation.action_spec, plays[0].episode.seed
+    values, holding = np.concatenate([play.offsets() for play in plays]), _holding(simulation, seed)
+    largest, least = (STEPS * spec.steps, HELD) if spec.joints else (np.full(len(spec.names), np.inf), 0.0)
     idle = _moved(simulation, holding, seed)
-    for index, name in enumerate(simulation.action_spec.names[:-1]):
-        if name in simulation.action_spec.ignored:
-            continue
-        value = typical(actions[:, index] - holding[index])
-        if value == 0:
+    for index, name in enumerate(spec.names[:-1]):
+        value = float(np.clip(typical(values[:, index]), -largest[index], largest[index]))
+        if name in spec.ignored or abs(value) <= least:
             continue
         action = holding.copy()
         action[index] += value
         moved = _moved(simulation, action, seed)
         turned = Rotation.from_rotvec(moved[1]) * Rotation.from_rotvec(idle[1]).inv()
-        yield Movement(name, value, (moved[0] - idle[0]) / STEPS, turned.as_rotvec() / STEPS)
+        steps = 1 if spec.joints else STEPS
+        yield Movement(name, value, (moved[0] - idle[0]) / steps, turned.as_rotvec() / steps)
 
 
 def typical(values: FloatArray) -> float:
@@ -88,7 +92,6 @@ def _moved(simulation: Simulation, action: FloatArray, seed: int) -> tuple[Float
 def components(simulation: Simulation, actions: FloatArray, moves: Sequence[Movement]) -> Iterator[Finding]:
     """One finding for each number but the gripper's: its size, and what it moves."""
     found, spec = {move.name: move for move in moves}, simulation.action_spec
-    alone = "from the start alone" if spec.joints else "alone"
     for index, name in enumerate(spec.names[:-1]):
         values = actions[:, index]
         unit = "m" if name in TRANSLATIONS else "rad"
@@ -96,40 +99,52 @@ def components(simulation: Simulation, actions: FloatArray, moves: Sequence[Move
         size = f"{values.mean():+.3g} {unit} on average, {values.min():.3g} to {values.max():.3g}"
         if name in spec.ignored:
             text = "always 0; this task ignores it" if not values.any() else f"{size}; this task ignores it"
-        elif name not in found:
-            text = "always where it starts" if spec.joints else "always 0"
+        elif name in found:
+            text = f"{size}; {describe(found[name])}"
+            numbers |= _effects(found[name])
         else:
-            text = f"{size}; {found[name].value:+.3g} {alone} {describe(found[name])}"
-            effects = {} if name in ROTATIONS else {"m_per_step": found[name].translation}
-            effects |= {} if name in TRANSLATIONS else {"rad_per_step": found[name].rotation}
-            for key, effect in effects.items():
-                numbers |= {f"{axis}_{key}": float(value) for axis, value in zip("xyz", effect, strict=True)}
+            text = f"{size}; always near its start" if spec.joints else "always 0"
         yield Finding(name, Level.NOTE, text, numbers)
 
 
+def _effects(move: Movement) -> dict[str, float]:
+    suffix = "_per_step" if move.name in ACTION_NAMES else ""
+    effects = {} if move.name in ROTATIONS else {"m": move.translation}
+    effects |= {} if move.name in TRANSLATIONS else {"rad": move.rotation}
+    return {
+        f"{axis}_{unit}{suffix}": float(value)
+        for unit, effect in effects.items()
+        for axis, value in zip("xyz", effect, strict=True)
+    }
+
+
 def describe(move: Movement) -> str:
-    """Say which way the tool goes, such as `moves the tool forward (+x), 0.8 cm per step`, and how a joint turns it."""
-    parts = [] if move.name in ROTATIONS else [_shift(move.translation)]
-    parts += [] if move.name in TRANSLATIONS else [_turn(move.rotation)]
-    return ", and ".join(parts)
+    """Say which way the tool goes, such as `+0.01 alone moves the tool forward (+x), 0.8 cm per step`.
+
+    A joint may also turn it: `+0.4 rad alone moves the tool left (+y), 9 cm, and turns it +23 degrees about z, ...`.
+    """
+    if move.name in TRANSLATIONS:
+        return f"{move.value:+.3g} alone {_shift(move.translation, 1e-5, ' per step') or 'does not move the tool'}"
+    if move.name in ROTATIONS:
+        turned = _turn(move.rotation, 1e-4, " per step")
+        return f"{move.value:+.3g} alone {f'turns the tool {turned}' if turned else 'does not turn the tool'}"
+    shifted, turned = _shift(move.translation, 1e-3, ""), _turn(move.rotation, 0.01, "")
+    parts = [shifted, turned and f"turns {'it' if shifted else 'the tool'} {turned}"]
+    return f"{move.value:+.3g} rad alone {', and '.join(filter(None, parts)) or 'hardly moves the tool'}"
 
 
-def _shift(translation: FloatArray) -> str:
+def _shift(translation: FloatArray, least: float, per: str) -> str:
     axis = int(np.abs(translation).argmax())
     amount = float(translation[axis])
-    if abs(amount) < 1e-5:
-        return "does not move the tool"
-    sign = "+" if amount > 0 else "-"
     word = DIRECTIONS[axis][amount < 0]
-    return f"moves the tool {word} ({sign}{'xyz'[axis]}), {100 * abs(amount):.2g} cm per step"
+    way = f"{word} ({'+' if amount > 0 else '-'}{'xyz'[axis]})"
+    return f"moves the tool {way}, {100 * abs(amount):.2g} cm{per}" if abs(amount) >= least else ""
 
 
-def _turn(rotation: FloatArray) -> str:
+def _turn(rotation: FloatArray, least: float, per: str) -> str:
     axis = int(np.abs(rotation).argmax())
     amount = float(rotation[axis])
-    if abs(amount) < 1e-4:
-        return "does not turn the tool"
-    return f"turns the tool {np.degrees(amount):+.2g} degrees per step {TURNS[axis]}"
+    return f"{np.degrees(amount):+.2g} degrees{per} {TURNS[axis]}" if abs(amount) >= least else ""
 
 
 def fingers(simulation: Simulation, seed: int) -> Iterator[Finding]:

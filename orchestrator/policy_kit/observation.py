@@ -60,7 +60,7 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
 
     def answers_to(change: Change) -> list[FloatArray]:
         chunks = ask_again(policy, asked, change)
-        return [chunk - _holding(answer.query) for chunk, answer in zip(chunks, asked, strict=True)]
+        return [chunk - _origin(answer.query) for chunk, answer in zip(chunks, asked, strict=True)]
 
     same = answers_to(lambda seen: seen)
     noise = difference(same, answers_to(lambda seen: seen))
@@ -96,10 +96,10 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
         yield Finding("input", level, f"{name}: {text}", numbers)
 
 
-def _holding(query: Query) -> FloatArray | float:
+def _origin(query: Query) -> FloatArray | float:
     """The action from which the answer's size counts: targets of joints count from where the joints are."""
     assert query.observation is not None
-    return query.observation.proprioception if query.observation.of_joints else 0.0
+    return np.append(query.observation.proprioception[:-1], 0.0) if query.observation.of_joints else 0.0
 
 
 def difference(chunks: Sequence[FloatArray], others: Sequence[FloatArray]) -> float:

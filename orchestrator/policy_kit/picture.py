@@ -39,11 +39,7 @@ def draw_picture(
         Shape (height, width, 3).
     """
     names = list(images[0][1]) if images else []
-    told = {move.name: f"{move.value:+.2g} {describe(move)}" for move in moves}
-    needed = [math.ceil(_font(11).getlength(text)) + 16 for text in told.values()]
-    width = LABEL_WIDTH + CHART_WIDTH + max([TEXT_WIDTH, *needed])
-    charts = Image.new("RGB", (width, len(spec.names) * CHART_HEIGHT + 2 * MARGIN), PAPER)
-    _draw_charts(charts, actions, spec, told)
+    charts = _charts(actions, spec, {move.name: describe(move) for move in moves})
     parts = [_text_line(title), charts]
     if images:
         rows = [(label, [_enlarged(shown[name]) for name in names]) for label, shown in images]
@@ -71,26 +67,29 @@ def _enlarged(image: Pixels) -> Pixels:
     return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def _draw_charts(page: Image.Image, actions: FloatArray, spec: ActionSpec, words: Mapping[str, str]) -> None:
+def _charts(actions: FloatArray, spec: ActionSpec, effects: Mapping[str, str]) -> Image.Image:
+    font = _font(11)
+    told = {"gripper": "-1 opens, +1 closes"} | dict.fromkeys(spec.ignored, "ignored by this task") | dict(effects)
+    ranges = zip(spec.names, actions.min(axis=0), actions.max(axis=0), strict=True)
+    labels = [f"{name}  {low:.3g} to {high:.3g}" for name, low, high in ranges]
+    left, right = (max(map(font.getlength, texts), default=0.0) for texts in (labels, told.values()))
+    left, right = max(LABEL_WIDTH, math.ceil(left) + 10), max(TEXT_WIDTH, math.ceil(right) + 16)
+    page = Image.new("RGB", (left + CHART_WIDTH + right, len(spec.names) * CHART_HEIGHT + 2 * MARGIN), PAPER)
     draw = ImageDraw.Draw(page)
-    for index, name in enumerate(spec.names):
+    for index, (name, label) in enumerate(zip(spec.names, labels, strict=True)):
         values, bounds = actions[:, index], (float(spec.low[index]), float(spec.high[index]))
         top = MARGIN + index * CHART_HEIGHT
         middle, half = top + CHART_HEIGHT / 2, CHART_HEIGHT / 2 - 5
         scale = half / (max(float(np.abs(values).max()), *map(abs, bounds)) or 1.0)
-        draw.text((2, middle - 8), f"{name}  {values.min():.3g} to {values.max():.3g}", fill=INK, font=_font(11))
-        draw.line([(LABEL_WIDTH, middle), (LABEL_WIDTH + CHART_WIDTH, middle)], fill=ZERO)
+        draw.text((2, middle - 8), label, fill=INK, font=font)
+        draw.line([(left, middle), (left + CHART_WIDTH, middle)], fill=ZERO)
         for bound in bounds:
-            draw.line(
-                [(LABEL_WIDTH, middle - bound * scale), (LABEL_WIDTH + CHART_WIDTH, middle - bound * scale)], BOUND
-            )
+            draw.line([(left, middle - bound * scale), (left + CHART_WIDTH, middle - bound * scale)], BOUND)
         points = [
-            (LABEL_WIDTH + CHART_WIDTH * (step + side) / len(values), middle - float(value) * scale)
+            (left + CHART_WIDTH * (step + side) / len(values), middle - float(value) * scale)
             for step, value in enumerate(values)
             for side in (0, 1)
         ]
         draw.line(points, fill=LINE, width=2)
-        told = words.get(name, "ignored by this task" if name in spec.ignored else "")
-        if name == "gripper" and not told:
-            told = "-1 opens, +1 closes"
-        draw.text((LABEL_WIDTH + CHART_WIDTH + 8, middle - 8), told, fill=INK, font=_font(11))
+        draw.text((left + CHART_WIDTH + 8, middle - 8), told.get(name, ""), fill=INK, font=font)
+    return page

@@ -63,6 +63,10 @@ class Play:
             chunks.append(answer.chunk[: end - answer.query.step])
         return np.concatenate(chunks)
 
+    def offsets(self) -> FloatArray:
+        """Return `actions`, targets of joints as differences from where the joints start (rad)."""
+        return self.actions() - (np.append(self.joint_angles, 0.0) if len(self.joint_angles) else 0.0)
+
 
 class RecordingPolicy:
     """Forwards to a policy and keeps its answers."""
@@ -141,12 +145,14 @@ def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
     recording = RecordingPolicy(policy)
     tool: list[FloatArray] = []
     distances: dict[str, list[float]] = {}
-    angles: list[FloatArray] = []
+    start = np.zeros(0)
 
     def watch(simulation: Simulation, step: int) -> None:
+        nonlocal start
         state = simulation.privileged_state()
         tool.append(state["tcp_position"])
-        angles.append(state.get("joint_angles", np.zeros(0)))
+        if step == 0 and simulation.action_spec.joints:
+            start = state["joint_angles"]
         for name, value in state.items():
             if name.endswith("_position") and name != "tcp_position" and np.shape(value) == (3,):
                 distances.setdefault(name.removesuffix("_position"), []).append(
@@ -159,7 +165,7 @@ def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
         policy.finish([episode])
         raise
     found = {name: np.array(values) for name, values in distances.items()}
-    return Play(episode, tuple(recording.answers), np.array(tool), found, angles[0], result.status == Status.SUCCESS)
+    return Play(episode, tuple(recording.answers), np.array(tool), found, start, result.status == Status.SUCCESS)
 
 
 def ask_again(

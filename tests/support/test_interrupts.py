@@ -40,6 +40,14 @@ def test_a_signal_is_delivered_although_the_block_fails(received):
     assert received == [signal.SIGINT]
 
 
+def test_a_signal_waits_for_the_outer_of_two_blocks(received):
+    with deferred_interrupts():
+        with deferred_interrupts():
+            signal.raise_signal(signal.SIGINT)
+        assert received == []
+    assert received == [signal.SIGINT]
+
+
 def test_a_thread_runs_the_block_as_it_is():
     done = []
 

@@ -91,9 +91,10 @@ def _show(findings: Sequence[Finding], picture: str | None, seconds: float, as_j
     if as_json:
         print(json.dumps({"findings": [asdict(finding) for finding in findings], "picture": picture}, indent=1))
         return
+    width = max(len(finding.topic) for finding in findings) + 1
     for finding in findings:
         mark = finding.level.upper() if finding.level is Level.FAILED else finding.level
-        print_line(f"{mark:8} {finding.topic:12} {finding.text}")
+        print_line(f"{mark:8} {finding.topic:{width}} {finding.text}")
     counts = {level: sum(finding.level is level for finding in findings) for level in (Level.FAILED, Level.WARNING)}
     out.print(
         f"{counted(len(findings), 'finding')} in {seconds:.0f} s: {counts[Level.FAILED]} failed, "

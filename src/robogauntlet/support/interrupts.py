@@ -22,12 +22,16 @@ def deferred_interrupts() -> Iterator[None]:
         yield
         return
     arrived: list[int] = []
+    before = {}
 
     def note(number: int, frame: FrameType | None) -> None:
         arrived.append(number)
 
-    before = {number: signal.signal(number, note) for number in SIGNALS}
     try:
+        for number in SIGNALS:
+            if (handler := signal.getsignal(number)) is not None:  # one that Python did not set cannot be set again
+                before[number] = handler
+                signal.signal(number, note)
         yield
     finally:
         for number, handler in before.items():

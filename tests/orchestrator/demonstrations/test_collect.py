@@ -15,18 +15,22 @@ from robogauntlet.orchestrator.demonstrations import collect as demonstrate
 from robogauntlet.orchestrator.demonstrations.collect import (
     CollectionRequest,
     DemonstrateError,
+    RecordingResult,
     collect,
     dataset_name,
+    recording,
     resolve,
 )
 from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
 from robogauntlet.policies.oracles import digest_of_task
 from robogauntlet.policies.training.dataset import Demonstrations
-from robogauntlet.policies.training.lerobot_format import DatasetError
+from robogauntlet.policies.training.dataset_writer import DatasetWriter
+from robogauntlet.policies.training.lerobot_format import DatasetError, encode_episode
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import FIRST_TRAINING_SEED, RenderProfile, View
 from tests import ROOT
 from tests.full_disk import no_space
+from tests.policies.training import synthetic
 from tests.processes import GAUNTLET, run_gauntlet
 
 SMALL = View(image_size=16)
@@ -225,3 +229,26 @@ def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
     done = run_gauntlet(*command, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"continuing: {there} of {there + 2} episodes already there" in done.stdout
+
+
+def test_ctrl_c_while_one_dataset_is_committed_commits_the_others_too(tmp_path, monkeypatch):
+    writers = [DatasetWriter(tmp_path / name, synthetic.SOURCE) for name in "ab"]
+    for writer in writers:
+        episode = synthetic.recording()
+        writer.add(synthetic.won(episode), encode_episode(episode))
+    monkeypatch.setattr(writers[0], "commit", interrupted(writers[0].commit))
+    result = RecordingResult()
+    with recording(result, writers):
+        pass
+    assert result.status is RunStatus.INTERRUPTED
+    assert [DatasetWriter(tmp_path / name, synthetic.SOURCE).episodes for name in "ab"] == [1, 1]
+
+
+def interrupted(commit):
+    """Return a commit during which Ctrl-C is pressed."""
+
+    def commit_interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        commit(*arguments)
+
+    return commit_interrupted
