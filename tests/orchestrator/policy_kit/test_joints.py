@@ -120,7 +120,7 @@ def test_each_joint_is_told_by_what_it_moves_in_the_simulation(tmp_path, monkeyp
     assert "rad alone moves the tool right (-y)" in only(results, "shoulder_pan").text
     assert "and turns it +" in only(results, "wrist_roll").text
     assert only(results, "wrist_roll").numbers["z_rad"] > 0.1
-    assert only(results, "elbow_flex").text.endswith("always near its start")
+    assert only(results, "wrist_flex").text.endswith("always near its start")
     fingers = only(results, "fingers").numbers
     assert fingers["open_m"] > fingers["closed_m"] + 0.02
     assert found(results, "translation") == []
