@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Experts of scenes that vary along ten axes, with words that are changed in training, and their merges, beside the zoo's
-# under all axes: demonstrations, experts from the zoo's base, two merged models, two runs. Finished parts are skipped and
-# stopped ones continue, so the same command goes on after any interruption.
-# Usage: scripts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some three hours on two cores.
+# under all axes: demonstrations, experts from the zoo's base, two merged models, three runs. Finished parts are skipped
+# and stopped ones continue, so the same command goes on after any interruption.
+# Usage: scripts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some six hours on two cores.
 # PERCENT=2 AXES=table does the same in minutes from a fiftieth of everything, along one axis: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,33 +12,49 @@ DATA="$FOLDER/demonstrations"
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 # Task, demonstrations, steps of its expert's training, further options: the longest first, so that both processes end
 # together. PandaReach's goal is a point in the air, which two moved cameras have to locate.
-EXPERTS="pybullet/PandaReach-v3 1800 8000 --adapt-convolutions
-pybullet/PandaPickAndPlace-v3 400 5000
-robosuite/Door 300 3000
-robosuite/Lift 300 2500
-maniskill/PushCube-v1 300 2500
-maniskill/PullCube-v1 300 2500"
+EXPERTS="pybullet/PandaReach-v3 1800 8000 --adapt-convolutions --action-steps 4
+pybullet/PandaPickAndPlace-v3 400 5000 --action-steps 4
+robosuite/Door 300 3000 --action-steps 4
+robosuite/Lift 300 2500 --action-steps 4
+maniskill/PushCube-v1 300 2500 --action-steps 4
+maniskill/PullCube-v1 300 2500 --action-steps 4"
+# What varied scenes alone do: three tasks with as many demonstrations, corrections and steps as in zoo.sh.
+CORRECTED=pybullet/PandaPush-v3
+EQUAL_BUDGET="robosuite/Stack 700 14000 --adapt-convolutions --action-steps 8
+maniskill/StackCube-v1 500 12000 --adapt-convolutions --action-steps 2
+$CORRECTED 500 9000 --adapt-convolutions --action-steps 4"
 VARIED="camera-orbit@3 camera-distance@3 field-of-view@3 light-direction@3 illuminance@3 colour-temperature@3 table@3
 distractors@3 object-position@2 robot-start@2"
-export OMP_NUM_THREADS=1 FOLDER DATA ROBOGAUNTLET
+export OMP_NUM_THREADS=1 FOLDER DATA ROBOGAUNTLET CORRECTED
 
 vary=()
 for axis in $VARIED; do vary+=(--vary "$axis"); done
-tasks=()
+demonstrate() {
+    "$ROBOGAUNTLET" policies demonstrate "$1" --workers 2 "${vary[@]}" "${@:2}" </dev/null
+}
 while read -r task demonstrations _; do
-    "$ROBOGAUNTLET" policies demonstrate "$task" --out "$DATA" --episodes "$(few "$demonstrations")" --workers 2 \
-        --first-seed 3000000 "${vary[@]}" </dev/null
-    tasks+=("$task")
-done <<<"$EXPERTS"
+    demonstrate "$task" --out "$DATA" --episodes "$(few "$demonstrations")" --first-seed 3000000
+done <<<"$EQUAL_BUDGET
+$EXPERTS"
+# As in the zoo, one task's expert learns from being corrected as well: the zoo's expert acts, the oracle takes over.
+demonstrate "$CORRECTED" --learner zoo:experts --whole --out "$FOLDER/corrections" --episodes "$(few 300)" \
+    --first-seed 3500000
 
+# Folder of the experts, task, demonstrations, steps, further options.
 expert() {
-    local name="${1/\//__}"
-    [ -e "$FOLDER/experts/$name/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "$DATA/$name" --base zoo:base --out "$FOLDER/experts/$name" \
-            --steps "$(few "$3")" --learning-rate 1e-3 --shift 2 --action-steps 4 --change-words 0.3 "${@:4}"
+    local name="${2/\//__}"
+    local data=("$DATA/$name")
+    [ "$2" != "$CORRECTED" ] || data+=("$FOLDER/corrections/$name")
+    [ -e "$FOLDER/$1/$name/card.json" ] ||
+        "$ROBOGAUNTLET" policies finetune "${data[@]}" --base zoo:base --out "$FOLDER/$1/$name" \
+            --steps "$(few "$4")" --learning-rate 1e-3 --shift 2 --change-words 0.3 "${@:5}"
 }
 export -f expert
-xargs -P 2 -L 1 bash -c 'expert "$@"' expert <<<"$EXPERTS"
+# shellcheck disable=SC2001  # each line gets the folder
+{
+    sed "s/^/equal-budget /" <<<"$EQUAL_BUDGET"
+    sed "s/^/experts /" <<<"$EXPERTS"
+} | xargs -P 2 -L 1 bash -c 'expert "$@"' expert
 
 merge() {
     [ -e "$FOLDER/$1/card.json" ] ||
@@ -50,20 +66,18 @@ merge unmerged-int4 --operator none --masks none --bits 4
 
 AXES=${AXES:-"camera-orbit camera-distance field-of-view camera-bump illuminance light-direction colour-temperature table distractors
 object-position robot-start dynamics noise blur frozen-frames action-noise action-delay instruction"}
-# The run of a family on some tasks: its experts, what is merged from them, and themselves with four bits per weight.
+# Name of a run, its tasks, policies and comparison.
 play() {
     cat >"$FOLDER/$1.yaml" <<END
 name: $1
+tasks: [$(cut -d ' ' -f 1 <<<"$2" | paste -s -d ,)]
 policies:
   - oracle
-  - {name: experts, kind: mergevla-experts, options: {folder: "${2}experts"}}
-  - {name: merged, kind: mergevla-merged, options: {checkpoint: "${2}merged"}}
-  - {name: unmerged-int4, kind: mergevla-merged, options: {checkpoint: "${2}unmerged-int4"}}
-tasks: [$(IFS=,; echo "${*:3}")]
+$3
+compare: $4
 conditions:
   - clean
 $(for axis in $AXES; do echo "  - {axis: $axis, severities: [2, 4]}"; done)
-compare: {baseline: experts, others: [merged, unmerged-int4], margin: 0.05}
 oracle_gate: oracle
 seeds: {count: $(few 4)}
 image_size: 96
@@ -71,5 +85,16 @@ render_profile: fast-2
 END
     "$ROBOGAUNTLET" run "$FOLDER/$1.yaml" --out "$FOLDER/runs/$1" --no-media
 }
-play robust "$FOLDER/" "${tasks[@]}"
-play zoo zoo: "${tasks[@]}" maniskill/StackCube-v1 pybullet/PandaPush-v3 robosuite/Stack
+# A family's experts, what is merged from them, and themselves with four bits per weight.
+family() {
+    play "$1" "$3" "  - {name: experts, kind: mergevla-experts, options: {folder: '${2}experts'}}
+  - {name: merged, kind: mergevla-merged, options: {checkpoint: '${2}merged'}}
+  - {name: unmerged-int4, kind: mergevla-merged, options: {checkpoint: '${2}unmerged-int4'}}" \
+        "{baseline: experts, others: [merged, unmerged-int4], margin: 0.05}"
+}
+family robust "$FOLDER/" "$EXPERTS"
+family zoo zoo: "$EXPERTS
+$EQUAL_BUDGET"
+play equal-budget "$EQUAL_BUDGET" "  - {name: zoo, kind: mergevla-experts, options: {folder: 'zoo:experts'}}
+  - {name: robust, kind: mergevla-experts, options: {folder: '$FOLDER/equal-budget'}}" \
+    "{baseline: zoo, others: [robust]}"

@@ -60,7 +60,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
     [
         ("zoo.sh", 24),
         ("training_controls.sh", 298),
-        ("robust_experts.sh", 16),
+        ("robust_experts.sh", 24),
         ("arms.sh", 14),
         ("two_arms.sh", 10),
         ("so101.sh", 5),

@@ -49,6 +49,7 @@ NEED_DEMONSTRATIONS = (
         "libero_merges",
         "libero_plus",
         "two_arms",
+        "equal_budget",
         "robust_experts",
         "merging_under_shift",
         "so101",

@@ -1,6 +1,6 @@
 """Robust experts beside the zoo's under all axes at severities 2 and 4.
 
-`ROBUST=FOLDER python -m tests.benchmarks robust_experts` reads the two runs of `scripts/robust_experts.sh` (default
+`ROBUST=FOLDER python -m tests.benchmarks robust_experts` reads two runs of `scripts/robust_experts.sh` (default
 `runs/robust-experts`).
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from robogauntlet.results.analysis.eligible_episodes import select_eligible
 from robogauntlet.results.api import open_run
 from robogauntlet.results.report.formatting import points
 from robogauntlet.results.run_document import read_run
-from robogauntlet.results.statistics.aggregate import mean_of_levels
+from robogauntlet.results.statistics.aggregate import Estimate, mean_of_levels
+from robogauntlet.results.statistics.rates import Interval
 from robogauntlet.suites.episode import CLEAN
 from tests.benchmarks.document import write_episodes
 from tests.benchmarks.shared import table_of
@@ -51,22 +53,21 @@ def measure() -> list[dict[str, object]]:
 
 
 def played() -> pd.DataFrame:
-    """The runs' episodes that count, with the columns `family` and `EPISODE`, without the oracle's."""
-    parts = []
-    for family in FAMILIES:
-        folder = Path(os.environ.get("ROBUST", "runs/robust-experts")) / "runs" / family
-        frame, document = open_run(folder).episodes((*EPISODE, "policy_digest")), read_run(folder)
-        cells = [cell for cell in document.plan if cell.policy != ORACLE]
-        kept = select_eligible(document, frame).verdicts(cells)[list(EPISODE)]
-        parts.append(kept.astype(dict.fromkeys(("policy", "task", "axis", "status"), str)).assign(family=family))
-    return pd.concat(parts, ignore_index=True)
+    """Both families' `episodes_of`, with the column `family`."""
+    return pd.concat([episodes_of(family).assign(family=family) for family in FAMILIES], ignore_index=True)
+
+
+def episodes_of(run: str) -> pd.DataFrame:
+    """The episodes of a run that count, with the columns `EPISODE`, without the oracle's."""
+    folder = Path(os.environ.get("ROBUST", "runs/robust-experts")) / "runs" / run
+    frame, document = open_run(folder).episodes((*EPISODE, "policy_digest")), read_run(folder)
+    cells = [cell for cell in document.plan if cell.policy != ORACLE]
+    kept = select_eligible(document, frame).verdicts(cells)[list(EPISODE)]
+    return kept.astype(dict.fromkeys(("policy", "task", "axis", "status"), str))
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
-    """Success of both families' experts and their difference, levels and tasks having equal weight.
-
-    `frame` is that of `played`. Intervals are Student's, for other start states.
-    """
+    """Success of both families' experts and their difference; `frame` is that of `played`."""
     frame = frame[(frame.policy == EXPERTS) & frame.family.isin(FAMILIES)].assign(policy=lambda rows: rows.family)
     axes = [axis for axis in sorted(frame.axis.unique()) if axis not in (CLEAN, WORDS)]
     trained, others = ([axis for axis in axes if (axis in TRAINED_ON) is wanted] for wanted in (True, False))
@@ -74,24 +75,36 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     groups |= {f"{len(trained)} axes of the scenes": trained, f"{WORDS} (words)": [WORDS]}
     groups |= {f"{len(others)} other axes": others}
     groups |= {f"{axis}{'' if axis in TRAINED_ON else ' (other)'}": [axis] for axis in (*trained, *others)}
-    rows = []
-    for name, chosen in groups.items():
-        row: dict[str, object] = {"name": name}
-        counts = []
-        for severity in SEVERITIES:
-            strata = paired(frame[frame.axis.isin(chosen) & frame.severity.isin((0, severity))], FAMILIES)
-            row |= dict.fromkeys((f"zoo{severity}", f"robust{severity}", f"difference{severity}"), "")
-            if strata:  # the oracle succeeds in a task
-                sides = [[np.hsplit(one, 2)[side] for one in strata] for side in (0, 1)]
-                zoo, robust = (mean_of_levels(side) for side in sides)
-                gain = mean_of_levels([after - before for before, after in zip(*sides, strict=True)])
-                assert zoo
-                assert robust
-                row |= {f"zoo{severity}": f"{zoo.value:.0%}", f"robust{severity}": f"{robust.value:.0%}"}
-                row[f"difference{severity}"] = points(gain)
-                counts.append(sum(int((~np.isnan(one)).sum()) for one in sides[0]))
-        rows.append(row | {"episodes": " / ".join(map(str, dict.fromkeys(counts)))})
-    return rows
+    return [{"name": name} | compared(frame[frame.axis.isin(chosen)]) for name, chosen in groups.items()]
+
+
+def compared(frame: pd.DataFrame) -> dict[str, object]:
+    """Success of both families at each severity, and its difference, levels and tasks having equal weight.
+
+    `frame` has the families as policies. Intervals are Student's, for other start states.
+    """
+    row: dict[str, object] = {}
+    counts = []
+    for severity in SEVERITIES:
+        strata = paired(frame[frame.severity.isin((0, severity))], FAMILIES)
+        row |= dict.fromkeys((f"zoo{severity}", f"robust{severity}", f"difference{severity}"), "")
+        if strata:  # the oracle succeeds in a task
+            sides = [[np.hsplit(one, 2)[side] for one in strata] for side in (0, 1)]
+            zoo, robust = (mean_of_levels(side) for side in sides)
+            gain = mean_of_levels([after - before for before, after in zip(*sides, strict=True)])
+            assert zoo
+            assert robust
+            row |= {f"zoo{severity}": f"{zoo.value:.0%}", f"robust{severity}": f"{robust.value:.0%}"}
+            row[f"difference{severity}"] = points(_possible(gain))
+            counts.append(sum(int((~np.isnan(one)).sum()) for one in sides[0]))
+    return row | {"episodes": " / ".join(map(str, dict.fromkeys(counts)))}
+
+
+def _possible(gain: Estimate | None) -> Estimate | None:
+    """A difference of rates whose interval ends where differences do, at 100 points."""
+    if gain is None or gain.interval is None:
+        return gain
+    return replace(gain, interval=Interval(max(gain.interval.low, -1.0), min(gain.interval.high, 1.0)))
 
 
 def paired(frame: pd.DataFrame, policies: Sequence[str]) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from tests import ROOT
-from tests.benchmarks import merging_under_shift, robust_experts
+from tests.benchmarks import equal_budget, merging_under_shift, robust_experts
 from tests.benchmarks.document import MEASUREMENTS
 
 
@@ -41,7 +41,33 @@ def test_sentences_about_robust_experts_say_the_committed_rows():
     assert f"it loses {merged[2]['lost']} (90 % interval" in readme
 
 
-@pytest.mark.parametrize("table", [robust_experts, merging_under_shift], ids=lambda module: module.__name__)
-def test_tables_of_robust_experts_count_the_committed_episodes(table):
-    rows = json.loads((MEASUREMENTS / f"{table.__name__.rsplit('.')[-1]}.json").read_text(encoding="utf-8"))["rows"]
-    assert table.rows_of(pd.read_parquet(MEASUREMENTS / "robust_experts.parquet")) == rows
+def test_sentences_about_an_equal_budget_say_the_committed_rows():
+    page = (ROOT / "docs/robustness.md").read_text(encoding="utf-8")
+    measured = json.loads((MEASUREMENTS / "equal_budget.json").read_text(encoding="utf-8"))
+    rows = {(row["task"], row["name"]): row for row in measured["rows"]}
+    every = {task: rows[task, "all 18 axes"] for task in ("Stack", "StackCube-v1", "PandaPush-v3")}
+    stack, *two = ({key: text[:-1] for key, text in row.items()} for row in every.values())
+    robust, zoo = ([row[f"{family}2"] for row in two] for family in ("robust", "zoo"))
+    clean = rows["all 3", "clean"]
+    for said in (
+        f"{rows['all 3', '10 axes of the scenes']['difference4']} points over the ten axes in the three tasks",
+        f"Stack gains over all axes, too: {stack['robust4']} % instead of {stack['zoo4']} %",
+        f"{clean['robust2'][:-1]} % of {clean['episodes']} clean episodes instead of {clean['zoo2'][:-1]} %",
+        f"StackCube's {robust[0]} % and PandaPush's {robust[1]} % instead of {zoo[0]} % and {zoo[1]} %",
+    ):
+        assert said in page
+    assert not every["Stack"]["difference4"].startswith("-")
+    assert all(" [-" in every[task]["difference2"] for task in ("StackCube-v1", "PandaPush-v3"))
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "episodes"),
+    [
+        ("robust_experts", robust_experts, "robust_experts"),
+        ("merging_under_shift", merging_under_shift, "robust_experts"),
+        ("equal_budget", equal_budget, "equal_budget"),
+    ],
+)
+def test_tables_of_robust_experts_count_the_committed_episodes(name, table, episodes):
+    rows = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))["rows"]
+    assert table.rows_of(pd.read_parquet(MEASUREMENTS / f"{episodes}.parquet")) == rows
