@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Experts of scenes that vary along ten axes, with words that are changed in training, and their merges, beside the zoo's
-# under all axes: demonstrations, experts from the zoo's base, two merged models, three runs. Finished parts are skipped
-# and stopped ones continue, so the same command goes on after any interruption.
+# under all axes: demonstrations, experts from the zoo's base, two merged models, two runs. Then experts of three further
+# tasks with the zoo's budget, beside the zoo's. Finished parts are skipped and stopped ones continue, so the same command
+# goes on after any interruption.
 # Usage: scripts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some six hours on two cores.
 # PERCENT=2 AXES=table does the same in minutes from a fiftieth of everything, along one axis: see percent.sh.
 set -euo pipefail
@@ -18,7 +19,7 @@ robosuite/Door 300 3000 --action-steps 4
 robosuite/Lift 300 2500 --action-steps 4
 maniskill/PushCube-v1 300 2500 --action-steps 4
 maniskill/PullCube-v1 300 2500 --action-steps 4"
-# What varied scenes alone do: three tasks with as many demonstrations, corrections and steps as in zoo.sh.
+# Three further tasks with as many demonstrations, corrections and steps as in zoo.sh.
 CORRECTED=pybullet/PandaPush-v3
 EQUAL_BUDGET="robosuite/Stack 700 14000 --adapt-convolutions --action-steps 8
 maniskill/StackCube-v1 500 12000 --adapt-convolutions --action-steps 2
@@ -95,6 +96,7 @@ family() {
 family robust "$FOLDER/" "$EXPERTS"
 family zoo zoo: "$EXPERTS
 $EQUAL_BUDGET"
+# The zoo's experts are played again: their rows are those of the run before.
 play equal-budget "$EQUAL_BUDGET" "  - {name: zoo, kind: mergevla-experts, options: {folder: 'zoo:experts'}}
   - {name: robust, kind: mergevla-experts, options: {folder: '$FOLDER/equal-budget'}}" \
     "{baseline: zoo, others: [robust]}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -73,6 +74,20 @@ def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp
     for command in commands:
         parsed(command)
     assert len(commands) == verbs
+
+
+def test_experts_of_an_equal_budget_have_that_of_the_zoo(tmp_path: Path) -> None:
+    budgets, corrections = [], []
+    for script in ("zoo.sh", "robust_experts.sh"):
+        text = (SCRIPTS / script).read_text(encoding="utf-8")
+        line = r"(robosuite/Stack|maniskill/StackCube-v1|\$CORRECTED) (\d+ \d+ [^\"\n]*)"
+        budgets.append(dict(re.findall(line, text)))
+        (tmp_path / script).mkdir()
+        commands = commands_of(script, tmp_path / script)
+        corrections.append([parsed(command)["episodes"] for command in commands if "--learner" in command])
+    assert len(budgets[0]) == 3
+    assert budgets[0] == budgets[1]
+    assert corrections[0] == corrections[1] == [300]
 
 
 def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Path) -> None:

@@ -44,16 +44,19 @@ def movements(simulation: Simulation, plays: Sequence[Play]) -> Iterator[Movemen
     """Apply the mean of each number but the gripper's alone, from the reset of the first play.
 
     A number whose mean is far below its size is applied with its root mean square. Targets of joints count from where
-    they start, and change by no more than a joint follows in `STEPS` steps.
+    they start, and change by no more than a joint follows in `STEPS` steps, within its range.
     """
     spec, seed = simulation.action_spec, plays[0].episode.seed
     values, holding = np.concatenate([play.offsets() for play in plays]), _holding(simulation, seed)
-    largest, least = (STEPS * spec.steps, HELD) if spec.joints else (np.full(len(spec.names), np.inf), 0.0)
+    least, low, high = 0.0, np.full(len(holding), -np.inf), np.full(len(holding), np.inf)
+    if spec.joints:
+        follows = STEPS * spec.steps
+        least, low, high = HELD, np.maximum(-follows, spec.low - holding), np.minimum(follows, spec.high - holding)
     idle = _moved(simulation, holding, seed)
     for index, name in enumerate(spec.names[:-1]):
-        value = float(np.clip(typical(values[:, index]), -largest[index], largest[index]))
-        if name in spec.ignored or abs(value) <= least:
+        if name in spec.ignored or np.abs(values[:, index]).max() <= least:
             continue
+        value = float(np.clip(typical(values[:, index]), low[index], high[index]))
         action = holding.copy()
         action[index] += value
         moved = _moved(simulation, action, seed)

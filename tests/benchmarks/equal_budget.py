@@ -1,4 +1,4 @@
-"""Three experts of varied scenes with as many demonstrations and steps as the zoo's, beside these under all axes.
+"""Three experts of varied scenes with as many demonstrations and steps as the zoo's, beside the zoo's under all axes.
 
 `ROBUST=FOLDER python -m tests.benchmarks equal_budget` reads the run `equal-budget` of `scripts/robust_experts.sh`.
 """
@@ -9,10 +9,11 @@ from itertools import product
 
 import pandas as pd
 
-from robogauntlet.suites.episode import CLEAN
 from tests.benchmarks.document import write_episodes
-from tests.benchmarks.robust_experts import COLUMNS, EPISODE, TRAINED_ON, compared, episodes_of
+from tests.benchmarks.robust_experts import COLUMNS, EPISODE, compared, episodes_of, groups_of
 from tests.benchmarks.shared import table_of
+
+TOGETHER = "all three"
 
 
 def measure() -> list[dict[str, object]]:
@@ -26,11 +27,9 @@ def measure() -> list[dict[str, object]]:
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     """Success of both experts and their difference; `frame` has the columns `EPISODE`, and the families as policies."""
-    axes = [axis for axis in frame.axis.unique() if axis != CLEAN]
-    groups = {CLEAN: [CLEAN], f"all {len(axes)} axes": axes, f"{len(TRAINED_ON)} axes of the scenes": TRAINED_ON}
     tasks = {task.partition("/")[2]: [task] for task in sorted(frame.task.unique())}
-    tasks |= {f"all {len(tasks)}": list(frame.task.unique())}
+    tasks |= {TOGETHER: list(frame.task.unique())}
     return [
         {"task": task, "name": name} | compared(frame[frame.task.isin(of_task) & frame.axis.isin(chosen)])
-        for (task, of_task), (name, chosen) in product(tasks.items(), groups.items())
+        for (task, of_task), (name, chosen) in product(tasks.items(), groups_of(frame).items())
     ]

@@ -32,6 +32,7 @@ TRAINED_ON = (
     *("table", "distractors", "object-position", "robot-start"),
 )
 """Axes along which the scenes of the demonstrations vary."""
+EVERY, SCENES, OTHERS = "all 18 axes", "10 axes of the scenes", "7 other axes"
 WORDS = "instruction"
 """Training changes words, but in another way than this axis."""
 EPISODE = ("policy", "task", "axis", "severity", "seed", "status")
@@ -69,13 +70,17 @@ def episodes_of(run: str) -> pd.DataFrame:
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     """Success of both families' experts and their difference; `frame` is that of `played`."""
     frame = frame[(frame.policy == EXPERTS) & frame.family.isin(FAMILIES)].assign(policy=lambda rows: rows.family)
+    groups = groups_of(frame)
+    for suffix, kind in (("", SCENES), (" (other)", OTHERS)):
+        groups |= {f"{axis}{suffix}": [axis] for axis in groups[kind]}
+    return [{"name": name} | compared(frame[frame.axis.isin(chosen)]) for name, chosen in groups.items()]
+
+
+def groups_of(frame: pd.DataFrame) -> dict[str, list[str]]:
+    """Name of each group of axes to its axes, sorted."""
     axes = [axis for axis in sorted(frame.axis.unique()) if axis not in (CLEAN, WORDS)]
     trained, others = ([axis for axis in axes if (axis in TRAINED_ON) is wanted] for wanted in (True, False))
-    groups = {CLEAN: [CLEAN], f"all {len(axes) + 1} axes": [*axes, WORDS]}
-    groups |= {f"{len(trained)} axes of the scenes": trained, f"{WORDS} (words)": [WORDS]}
-    groups |= {f"{len(others)} other axes": others}
-    groups |= {f"{axis}{'' if axis in TRAINED_ON else ' (other)'}": [axis] for axis in (*trained, *others)}
-    return [{"name": name} | compared(frame[frame.axis.isin(chosen)]) for name, chosen in groups.items()]
+    return {CLEAN: [CLEAN], EVERY: [*axes, WORDS], SCENES: trained, f"{WORDS} (words)": [WORDS], OTHERS: others}
 
 
 def compared(frame: pd.DataFrame) -> dict[str, object]:
