@@ -91,7 +91,7 @@ def _show(findings: Sequence[Finding], picture: str | None, seconds: float, as_j
     if as_json:
         print(json.dumps({"findings": [asdict(finding) for finding in findings], "picture": picture}, indent=1))
         return
-    width = max(len(finding.topic) for finding in findings) + 1
+    width = max(12, *(len(finding.topic) + 1 for finding in findings))
     for finding in findings:
         mark = finding.level.upper() if finding.level is Level.FAILED else finding.level
         print_line(f"{mark:8} {finding.topic:{width}} {finding.text}")
