@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import traceback
+from functools import cache
 from importlib import import_module
 from types import FrameType
 from typing import Annotated, Any
@@ -72,23 +73,27 @@ class _Verbs(TyperGroup):
         return [*VERBS]  # `list` is a module here once that verb was imported
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name not in VERBS:
-            return None
-        from robogauntlet.orchestrator.cli.parameters import check_parameters
-
-        address, help_line = VERBS[cmd_name]
-        module, _, name = address.partition(":")
-        verb = getattr(import_module(f"{__name__}.{module}"), name)
-        parent = typer.Typer(rich_markup_mode=None)
-        if isinstance(verb, typer.Typer):
-            parent.add_typer(verb, name=cmd_name, help=help_line)
-        else:
-            parent.command(cmd_name)(verb)
-        return check_parameters(get_group(parent).commands[cmd_name])
+        return _command(cmd_name) if cmd_name in VERBS else None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, help_line) for name, (_, help_line) in VERBS.items()])
+
+
+@cache
+def _command(name: str) -> Any:
+    """The command, or group of commands, of a verb."""
+    from robogauntlet.orchestrator.cli.parameters import check_parameters
+
+    address, help_line = VERBS[name]
+    module, _, function = address.partition(":")
+    verb = getattr(import_module(f"{__name__}.{module}"), function)
+    parent = typer.Typer(rich_markup_mode=None)
+    if isinstance(verb, typer.Typer):
+        parent.add_typer(verb, name=name, help=help_line)
+    else:
+        parent.command(name)(verb)
+    return check_parameters(get_group(parent).commands[name])
 
 
 app = typer.Typer(

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import quote
 
 import sqlalchemy as sa
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.dialects import sqlite
 
 from robogauntlet.results.store.sqlite_file import BUSY_S, tune, use_write_ahead_log, why_no_database, why_not_opened
 from robogauntlet.support.errors import first_line
@@ -140,6 +140,8 @@ class Database:
                     definition = sa.schema.CreateColumn(column).compile(dialect=connection.dialect)
                     connection.exec_driver_sql(f"ALTER TABLE {table.name} ADD COLUMN {definition}")
             for index in table.indexes:
+                if connection.dialect.name == "postgresql":  # not in the schema, where it would load the dialect
+                    index.dialect_kwargs["postgresql_where"] = index.dialect_kwargs["sqlite_where"]
                 connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
         connection.execute(sa.delete(marker).where(marker.c.version != schema.version))
         connection.execute(self.insert_new(marker).values(version=schema.version))
@@ -167,8 +169,11 @@ class Database:
 
     def insert(self, table: sa.Table) -> Any:
         """An insertion of the dialect, which has clauses for conflicts."""
-        dialect = postgresql if self.engine.dialect.name == "postgresql" else sqlite
-        return dialect.insert(table)
+        if self.engine.dialect.name == "postgresql":
+            from sqlalchemy.dialects import postgresql  # slow to load, and seldom used
+
+            return postgresql.insert(table)
+        return sqlite.insert(table)
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sa.Connection]:

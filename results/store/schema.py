@@ -82,7 +82,6 @@ _judged = sa.Index(
     "robogauntlet_runs_judged",
     *(runs.c.started_at, runs.c.suite),
     sqlite_where=runs.c.verdict.is_not(None),
-    postgresql_where=runs.c.verdict.is_not(None),
 )
 """Finds the latest verdicts without reading documents."""
 _by_policy = sa.Index("robogauntlet_cells_by_policy", cells.c.policy, cells.c.run_id)

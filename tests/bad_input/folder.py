@@ -1,6 +1,5 @@
 """The folder in which each case is typed: good files of every kind, and some that are of none."""
 
-import shutil
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -56,11 +55,13 @@ def write(folder: Path, files: Mapping[str, Content]) -> None:
             path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8", "surrogatepass"))
 
 
-def restore(folder: Path, before: Mapping[str, bytes | None]) -> None:
-    """Make a folder what `content` found before."""
-    for path in folder.iterdir():
-        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-    write(folder, before)
+def restore(folder: Path, before: Mapping[str, bytes | None], now: Mapping[str, bytes | None]) -> None:
+    """Make a folder, of which `content` finds `now`, what it found before."""
+    for name in sorted(now, reverse=True):  # what is in a folder goes before it
+        if name not in before or (now[name] is None) != (before[name] is None):
+            path = folder / name
+            path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
+    write(folder, {name: text for name, text in before.items() if now.get(name, ...) != text})
 
 
 def export(run: Path, file: Path) -> None:

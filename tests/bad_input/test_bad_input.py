@@ -31,10 +31,11 @@ def test_bad_input_is_refused_in_one_line_and_changes_nothing(run_command, good_
     try:
         with deadline(DEADLINE_S):
             done = run_command(*case.arguments)
-        assert changed(folder.content(place), expected) == []
     finally:
-        if folder.content(place) != before:
-            folder.restore(place, before)
+        left = folder.content(place)
+        if left != before:
+            folder.restore(place, before, left)
+    assert changed(left, expected) == []
     lines = without_usage(done.err.splitlines())
     assert done.code == case.code, done.out + done.err
     for line, says in zip(lines, case.says.splitlines(), strict=True):

@@ -150,7 +150,7 @@ def test_memory_is_enough_for_the_largest_upload(tmp_path):
 
 
 def test_the_process_starts_with_little():
-    heavy = ("numpy", "pandas", "pyarrow", "scipy", "jinja2", "fastapi")
+    heavy = ("numpy", "pandas", "pyarrow", "scipy", "jinja2", "fastapi", "sqlalchemy.dialects.postgresql")
     code = f"import sys, {limited_reader.__name__}\nprint([name for name in {heavy!r} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 

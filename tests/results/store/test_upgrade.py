@@ -99,6 +99,8 @@ def test_an_upgraded_store_has_all_tables_and_indexes(url):
         for table in metadata.sorted_tables:
             assert {column["name"] for column in inspector.get_columns(table.name)} == set(table.columns.keys())
             assert {index["name"] for index in inspector.get_indexes(table.name)} >= {i.name for i in table.indexes}
+        (judged,) = (i for i in inspector.get_indexes("runs") if i["name"] == "robogauntlet_runs_judged")
+        assert "verdict IS NOT NULL" in "".join(map(str, judged["dialect_options"].values()))
     assert (entry.run_id, entry.accepted) == ("run-1", True)
 
 
