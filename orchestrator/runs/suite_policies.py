@@ -175,7 +175,7 @@ def _find_without_start(
     entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, fit: bool
 ) -> tuple[PolicySource, str, Suite]:
     """The same, without importing, contacting or starting anything that the suite names."""
-    kind, reason = policies.find(entry.kind), ""
+    kind, reason, digest = policies.find(entry.kind), "", None
     if kind.digest_without_start:
         has_own = bool(kind.requirements or kind.without_dependencies) and "python" not in entry.options
         reason = (environments.missing_file(kind) if has_own else None) or NOT_STARTED
@@ -186,7 +186,7 @@ def _find_without_start(
     except OnHub:
         return PolicySource(entry.kind, entry.options), reason or NOT_STARTED, suite
     except PolicyNotInstalled as error:
-        digest, spec, reason = kind.digest(entry.options), None, str(error)
+        digest, spec, reason = kind.digest(entry.options) if digest is None else digest, None, str(error)
     if spec is not None:
         suite = _fitted(suite, spec) if fit else suite
         _check_fit(spec, suite)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
 from functools import lru_cache
 from pathlib import Path
@@ -71,11 +71,7 @@ class StoredMetadata(Stored):
     @classmethod
     def read(cls, folder: Path) -> Self:
         """Read the metadata of the checkpoint in `folder`. Raises PolicyError if they are missing or malformed."""
-        plain = read_metadata_file(folder)
-        try:
-            return cls.from_json(plain)
-        except PolicyError as error:
-            raise type(error)(f"'{folder}': {error}") from None
+        return _read(cls.from_json, folder, _metadata_text(folder))
 
     @classmethod
     def verified(cls, folder: Path) -> Self:
@@ -190,17 +186,42 @@ def locate(reference: str) -> Path:
 
 def read_metadata_file(folder: Path) -> dict[str, Any]:
     """Read the metadata file of `folder`. Raises CheckpointError if it is missing or holds no JSON object."""
+    return _json_object(folder, _metadata_text(folder))
+
+
+def _metadata_text(folder: Path) -> str:
     try:
-        plain = parse_json((folder / METADATA_FILE).read_text())
+        return (folder / METADATA_FILE).read_text()
     except FileNotFoundError:
         raise CheckpointError(f"expected {METADATA_FILE} in '{folder}', got a folder without it") from None
     except OSError as error:
         raise CheckpointError(f"expected to read '{folder / METADATA_FILE}', got: {error.strerror}") from None
     except ValueError as error:
-        raise CheckpointError(f"expected JSON in '{folder / METADATA_FILE}', got: {error}") from None
+        raise _no_json(folder, error) from None
+
+
+def _no_json(folder: Path, error: ValueError) -> CheckpointError:
+    return CheckpointError(f"expected JSON in '{folder / METADATA_FILE}', got: {error}")
+
+
+def _json_object(folder: Path, text: str) -> dict[str, Any]:
+    try:
+        plain = parse_json(text)
+    except ValueError as error:
+        raise _no_json(folder, error) from None
     if not isinstance(plain, dict):
         raise CheckpointError(f"expected a JSON object in '{folder / METADATA_FILE}', got {type(plain).__name__}")
     return plain
+
+
+@lru_cache(maxsize=256)
+def _read(from_json: Callable[[Mapping[str, Any]], Any], folder: Path, text: str) -> Any:
+    """Metadata from the text of their file, which a suite may name in two hundred policies."""
+    plain = _json_object(folder, text)
+    try:
+        return from_json(plain)
+    except PolicyError as error:
+        raise type(error)(f"'{folder}': {error}") from None
 
 
 def check_action_steps(steps: int | None, architecture: Architecture) -> None:
@@ -268,13 +289,13 @@ def hash_tensors(path: Path) -> str:
     if not path.is_file():
         raise CheckpointError(f"expected {path.name} in '{path.parent}', got a folder without it")
     state = path.stat()
-    return _hash_file(path.resolve(), state.st_mtime_ns, state.st_size, state.st_ino)
+    return _hash_file(path, state.st_mtime_ns, state.st_size, state.st_dev, state.st_ino)
 
 
 @lru_cache(maxsize=256)
-def _hash_file(path: Path, changed_ns: int, size: int, inode: int) -> str:
+def _hash_file(path: Path, changed_ns: int, size: int, device: int, inode: int) -> str:
     """Hash a file, cached until it changes: a suite may name the same experts in two hundred policies."""
-    digest = hashlib.sha256()
+    digest, path = hashlib.sha256(), path.resolve()
     try:
         file = path.open("rb")
     except OSError as error:
