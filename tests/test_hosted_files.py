@@ -4,8 +4,6 @@ import json
 import re
 import shlex
 import sqlite3
-import subprocess
-import sys
 import tomllib
 
 import pytest
@@ -193,27 +191,3 @@ def test_the_hook_starts_nothing_that_a_suite_names(tmp_path):
 )
 def test_the_hook_is_for_files_in_a_folder_of_suites(path, is_suite):
     assert bool(re.search(hook()["files"], path)) == is_suite
-
-
-@pytest.mark.slow
-def test_the_action_installs_into_a_new_python(tmp_path):
-    source = tmp_path / "action"
-    names = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True)
-    files = [name for name in names.stdout.splitlines() if (ROOT / name).is_symlink() or (ROOT / name).exists()]
-    source.mkdir()
-    archive = subprocess.run(["tar", "-C", ROOT, "-c", *files], capture_output=True, check=True).stdout
-    subprocess.run(["tar", "-C", source, "-x"], input=archive, check=True)
-    subprocess.run([sys.executable, "-m", "venv", tmp_path / "python"], check=True)
-    runner = HostedRunner(tmp_path, tmp_path / "bin")
-    write_program(tmp_path / "bin" / "sudo", 'exec "$@"')
-    (tmp_path / "bin" / "robogauntlet").unlink()
-    runner.environment["PATH"] = f"{tmp_path / 'python' / 'bin'}:{runner.environment['PATH']}"
-    runner.environment["GITHUB_ACTION_PATH"] = str(source)
-    runner.environment["PIP_NO_COMPILE"] = "1"  # it would take most of the time
-    runner.environment.pop("PYTHONPATH")
-    code, output, _ = runner.run_step("install")
-    assert code == 0, output
-    (tmp_path / "suite.yaml").write_text(SUITE.replace("40", "2"))
-    code, output, _ = runner.run_step("play", suite="suite.yaml")
-    assert code == 0, output
-    assert (tmp_path / "runs" / "now" / "report.html").is_file()

@@ -1,16 +1,16 @@
-"""The wheels: complete, light, and usable in an empty environment."""
+"""The wheels, and the action of a code host: complete, light, and usable in an empty environment, which they share."""
 
 import re
 import shlex
 import shutil
 import subprocess
 import sys
-import venv
 import zipfile
 
 import pytest
 
 from tests import ROOT
+from tests.hosted_actions import HostedRunner, write_program
 
 HELP = """
 import sys
@@ -46,14 +46,19 @@ def run(*command, **options):
     return done.stdout
 
 
+def copy_repository(folder):
+    """Copy the files in git, as they are now."""
+    for name in run("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
+        if (ROOT / name).exists():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)
+    return folder
+
+
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
     """Both wheels, built from the files in git."""
-    source, dist = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
-    for name in run("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
-        if (ROOT / name).exists():
-            (source / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, source / name, follow_symlinks=False)
+    source, dist = copy_repository(tmp_path_factory.mktemp("source")), tmp_path_factory.mktemp("dist")
     run(
         *(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"),
         *("--wheel-dir", dist, ".", "./zoo"),
@@ -63,12 +68,35 @@ def wheels(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def program(wheels, tmp_path_factory):
-    """`robogauntlet` in an environment of the two wheels and what they require."""
+def environment(tmp_path_factory):
+    """A new environment of Python."""
     folder = tmp_path_factory.mktemp("environment")
-    venv.create(folder, with_pip=True)
-    install(folder, *wheels)
-    return folder / "bin" / "robogauntlet"
+    run(sys.executable, "-m", "venv", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runner(environment, tmp_path_factory):
+    """A runner of a code host, after the action has installed itself into the environment."""
+    folder = tmp_path_factory.mktemp("runner")
+    runner = HostedRunner(folder, folder / "bin")
+    write_program(folder / "bin" / "sudo", 'exec "$@"')
+    (folder / "bin" / "robogauntlet").unlink()
+    runner.environment["PATH"] = f"{environment / 'bin'}:{runner.environment['PATH']}"
+    runner.environment["GITHUB_ACTION_PATH"] = str(copy_repository(tmp_path_factory.mktemp("action")))
+    runner.environment["PIP_NO_COMPILE"] = "1"  # it would take most of the time
+    runner.environment.pop("PYTHONPATH")
+    code, output, _ = runner.run_step("install")
+    assert code == 0, output
+    return runner
+
+
+@pytest.fixture(scope="module")
+def program(runner, environment, wheels):
+    """`robogauntlet` of the two wheels, in the environment with what they require."""
+    run(environment / "bin" / "python", "-m", "pip", "uninstall", "--quiet", "--yes", "robogauntlet")
+    install(environment, *wheels)
+    return environment / "bin" / "robogauntlet"
 
 
 def install(environment, *requirements):
@@ -93,6 +121,14 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
     assert not [name for name in program if name.endswith(".safetensors")]
     assert wheels[0].stat().st_size < 2_000_000
     assert sum(name.endswith("model.safetensors") for name in zoo) == 18
+
+
+@pytest.mark.slow
+def test_the_action_installs_into_a_new_python(runner):
+    (runner.folder / "suite.yaml").write_text("name: two\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
+    code, output, _ = runner.run_step("play", suite="suite.yaml")
+    assert code == 0, output
+    assert (runner.folder / "runs" / "now" / "report.html").is_file()
 
 
 @pytest.mark.slow
