@@ -6,7 +6,9 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
+import pip
 import pytest
 
 from tests import ROOT
@@ -69,9 +71,13 @@ def wheels(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
-    """A new environment of Python."""
+    """A new environment of Python with the pip of this one: the pip that Python brings takes three times as long."""
     folder = tmp_path_factory.mktemp("environment")
-    run(sys.executable, "-m", "venv", folder)
+    run(sys.executable, "-m", "venv", "--without-pip", folder)
+    (there,) = folder.glob("lib/python*/site-packages")
+    for pattern in ("pip", "pip-*.dist-info"):
+        (part,) = Path(pip.__file__).parents[1].glob(pattern)
+        shutil.copytree(part, there / part.name)
     return folder
 
 
@@ -84,7 +90,7 @@ def runner(environment, tmp_path_factory):
     (folder / "bin" / "robogauntlet").unlink()
     runner.environment["PATH"] = f"{environment / 'bin'}:{runner.environment['PATH']}"
     runner.environment["GITHUB_ACTION_PATH"] = str(copy_repository(tmp_path_factory.mktemp("action")))
-    runner.environment["PIP_NO_COMPILE"] = "1"  # it would take most of the time
+    runner.environment["PIP_COMPILE"] = "0"  # compiling all modules would take most of the time
     runner.environment.pop("PYTHONPATH")
     code, output, _ = runner.run_step("install")
     assert code == 0, output
