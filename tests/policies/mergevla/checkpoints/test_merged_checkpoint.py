@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import shutil
 
 import pytest
 import torch
@@ -9,7 +10,7 @@ from safetensors.torch import load_file, save_file
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
-from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging, merge_experts, read_experts
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged, save_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
@@ -20,17 +21,26 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import (
     digest_of,
     hash_tensors,
 )
-from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, TrunkRule
+from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
 from tests.errors import one_line_error
 from tests.policies.mergevla.checkpoints.test_expert_checkpoint import Exploding, rewrite
-from tests.policies.mergevla.experts import TASKS, merging, save_base, save_expert, save_experts
+from tests.policies.mergevla.experts import INSTRUCTIONS, TASKS, merging, save_base, save_expert, save_experts
 
 FITTED = {"calibrated/unaided/means": torch.arange(3.0)}
 
 
 @pytest.fixture(scope="module")
-def made(folders):
-    return merging(folders)
+def experts(folders):
+    return read_experts(folders)
+
+
+def merged(experts, **changes):
+    return merge_experts(experts, Recipe.from_json(changes), INSTRUCTIONS)
+
+
+@pytest.fixture(scope="module")
+def made(experts):
+    return merged(experts)
 
 
 @pytest.fixture
@@ -55,8 +65,8 @@ def refused(folder, match):
 @pytest.mark.parametrize("trunk", TrunkRule)
 @pytest.mark.parametrize("backbone", BackboneRule)
 @pytest.mark.parametrize("masks", MaskRule)
-def test_a_saved_checkpoint_loads_unchanged(folders, tmp_path, trunk, backbone, masks):
-    made = merging(folders, operator="emr", trunk=trunk, backbone=backbone, masks=masks)
+def test_a_saved_checkpoint_loads_unchanged(experts, tmp_path, trunk, backbone, masks):
+    made = merged(experts, operator="emr", trunk=trunk, backbone=backbone, masks=masks)
     metadata = save_merged(tmp_path, made, FITTED)
     back = load_merged(tmp_path)
     assert back.metadata == metadata
@@ -73,8 +83,8 @@ def test_a_saved_checkpoint_loads_unchanged(folders, tmp_path, trunk, backbone, 
 
 
 @pytest.mark.parametrize("bits", [3, 8])
-def test_experts_that_are_not_merged_load_unchanged_and_take_their_bits(folders, tmp_path, bits):
-    made = merging(folders, operator="none", masks="none", options={"bits": bits})
+def test_experts_that_are_not_merged_load_unchanged_and_take_their_bits(experts, tmp_path, bits):
+    made = merged(experts, operator="none", masks="none", options={"bits": bits})
     save_merged(tmp_path, made)
     back = load_merged(tmp_path).parts
     ours, theirs = MergedModel(made.parts), MergedModel(back)
@@ -88,12 +98,20 @@ def test_experts_that_are_not_merged_load_unchanged_and_take_their_bits(folders,
     assert hash_tensors(tmp_path / "again" / WEIGHTS) == hash_tensors(tmp_path / WEIGHTS)
 
 
+@pytest.fixture(scope="module")
+def beside_experts(tmp_path_factory):
+    """A folder of experts, a checkpoint of them merged, and one that refers to them."""
+    folder = tmp_path_factory.mktemp("beside")
+    made = merging(save_experts(folder), operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
+    save_merged(folder / "whole", made, FITTED)
+    save_merged(folder / "merged", made, FITTED, weights=False)
+    return folder
+
+
 @pytest.fixture
-def without_weights(tmp_path):
+def without_weights(beside_experts, tmp_path):
     """A merged checkpoint beside its experts, which it refers to."""
-    made = merging(save_experts(tmp_path), operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
-    save_merged(tmp_path / "whole", made, FITTED)
-    save_merged(tmp_path / "merged", made, FITTED, weights=False)
+    shutil.copytree(beside_experts, tmp_path, dirs_exist_ok=True)
     return tmp_path / "merged"
 
 
@@ -158,6 +176,14 @@ def test_references_to_some_of_the_experts_are_refused(without_weights):
     refused(without_weights, "expected statistics and the checkpoint of each merged expert")
 
 
+@pytest.fixture(scope="module")
+def with_copies(experts, tmp_path_factory):
+    """A checkpoint of experts that are not merged and take fewer bits."""
+    folder = tmp_path_factory.mktemp("copies")
+    save_merged(folder, merged(experts, operator="none", masks="none", options={"bits": 4}))
+    return folder
+
+
 def stray(tensors):
     tensors["copy/1/codes/stray"] = torch.zeros(2, dtype=torch.uint8)
 
@@ -175,8 +201,8 @@ def stray(tensors):
         (lambda t: [t.pop(n) for n in sorted(t) if n.startswith("copy/1/")], "to be merged or kept, it is neither"),
     ],
 )
-def test_damaged_copies_are_one_line(folders, tmp_path, edit, match):
-    save_merged(tmp_path, merging(folders, operator="none", masks="none", options={"bits": 4}))
+def test_damaged_copies_are_one_line(with_copies, tmp_path, edit, match):
+    shutil.copytree(with_copies, tmp_path, dirs_exist_ok=True)
     change(tmp_path, edit)
     refused(tmp_path, match)
 
@@ -195,10 +221,10 @@ def test_masks_take_a_bit_for_each_entry(saved):
     assert bits == {name: -(-tensor.numel() // 8) for name, tensor in vector.items()}
 
 
-def test_the_digest_is_of_the_content(saved, folders, tmp_path):
-    save_merged(tmp_path / "same", merging(folders), FITTED)
-    save_merged(tmp_path / "other", merging(folders, lambda_=0.5), FITTED)
-    save_merged(tmp_path / "unfitted", merging(folders))
+def test_the_digest_is_of_the_content(saved, experts, tmp_path):
+    save_merged(tmp_path / "same", merged(experts), FITTED)
+    save_merged(tmp_path / "other", merged(experts, lambda_=0.5), FITTED)
+    save_merged(tmp_path / "unfitted", merged(experts))
     names = (saved, tmp_path / "same", tmp_path / "other", tmp_path / "unfitted")
     digests = [merged_digest_of(str(name)) for name in names]
     assert digests[0] == digests[1]
@@ -229,8 +255,8 @@ def test_a_pickle_is_refused_and_never_opened(saved, tmp_path):
     refused(tmp_path / "p", "got model.pt, a pickle: refused")
 
 
-def test_nan_is_neither_saved_nor_loaded(saved, folders, tmp_path):
-    made = merging(folders)
+def test_nan_is_neither_saved_nor_loaded(saved, experts, tmp_path):
+    made = merged(experts)
     next(iter(made.parts.merged.vector.values())).fill_(torch.nan)
     with pytest.raises(CheckpointError, match="NaN or infinity in tau/"):
         save_merged(tmp_path / "nan", made)
@@ -246,8 +272,8 @@ def test_a_mask_for_another_model_is_refused(saved):
     refused(saved, f"the mask is for another model: weight {name} is missing")
 
 
-def test_row_scales_for_another_model_are_refused(folders, tmp_path):
-    save_merged(tmp_path, merging(folders, operator="magnitude", masks=MaskRule.SIGNS), FITTED)
+def test_row_scales_for_another_model_are_refused(experts, tmp_path):
+    save_merged(tmp_path, merged(experts, operator="magnitude", masks=MaskRule.SIGNS), FITTED)
     name = "backbone.projector.0.weight"
     change(tmp_path, lambda tensors: tensors.update({f"scale/1/{name}": torch.ones(8)}))
     refused(tmp_path, rf"row scales are for another model: weight {name}: expected shape \(16,\), got \(8,\)")
@@ -255,19 +281,21 @@ def test_row_scales_for_another_model_are_refused(folders, tmp_path):
     refused(tmp_path, f"row scales are for another model: weight {name} is missing")
 
 
-def test_all_rounds_are_loaded(folders, tmp_path):
-    made = merging(folders, operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
+def test_all_rounds_are_loaded(experts, tmp_path):
+    made = merged(experts, operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
     save_merged(tmp_path, made, FITTED)
     ours, theirs = MergedModel(made.parts), MergedModel(load_merged(tmp_path).parts)
     for task in TASKS:
-        assert all(torch.equal(ours.weights(task)[n], theirs.weights(task)[n]) for n in ours.weights(task))
-    once = MergedModel(merging(folders, operator="magnitude", masks=MaskRule.SIGNS).parts).weights(TASKS[0])
-    assert any(not torch.equal(once[n], theirs.weights(TASKS[0])[n]) for n in once)
+        a, b = ours.weights(task), theirs.weights(task)
+        assert all(torch.equal(a[name], b[name]) for name in a)
+    once = MergedModel(merged(experts, operator="magnitude", masks=MaskRule.SIGNS).parts).weights(TASKS[0])
+    twice = theirs.weights(TASKS[0])
+    assert any(not torch.equal(once[name], twice[name]) for name in once)
     assert made.report.bytes_per_task[TASKS[0]].mask > 2 * made.report.entries // 8
 
 
-def test_a_second_round_for_another_model_is_refused(folders, tmp_path):
-    save_merged(tmp_path, merging(folders, operator="magnitude", masks=MaskRule.SIGNS, rounds=2), FITTED)
+def test_a_second_round_for_another_model_is_refused(experts, tmp_path):
+    save_merged(tmp_path, merged(experts, operator="magnitude", masks=MaskRule.SIGNS, rounds=2), FITTED)
     name = "backbone.projector.0.weight"
     change(tmp_path, lambda tensors: [tensors.pop(k) for k in list(tensors) if k.startswith("residual/") and name in k])
     refused(tmp_path, f"the second round is for another model: weight {name} is missing")
@@ -289,8 +317,8 @@ def test_missing_statistics_are_refused(saved):
 
 
 @pytest.mark.parametrize("rescalers", [{}, {"null/Reach": 1.0}, dict.fromkeys(TASKS, "1")])
-def test_missing_rescalers_are_refused(folders, tmp_path, rescalers):
-    save_merged(tmp_path, merging(folders, operator="emr", masks="emr"))
+def test_missing_rescalers_are_refused(experts, tmp_path, rescalers):
+    save_merged(tmp_path, merged(experts, operator="emr", masks="emr"))
     rewrite(tmp_path, rescalers=rescalers)
     refused(tmp_path, "expected a rescaler of each merged expert|rescalers.*: expected a valid number, got '1'")
 
