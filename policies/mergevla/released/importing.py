@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import lru_cache, reduce
 from pathlib import Path
 
 import torch
@@ -72,7 +72,7 @@ def import_released(
     architecture = architecture_of(kind, used, replace(size, tokenizer=tokenizer or size.tokenizer))
     sources = sources_of(kind, architecture)
     _check_names(kind, used, architecture)
-    shapes = {ours: tensor.shape for ours, tensor in empty(architecture).state_dict().items()}
+    shapes = _shapes(architecture)
     for ours, source in sources.items():
         expected = released_shape(shapes[ours], source.layout)
         if source.name and used[source.name].shape != expected:
@@ -126,8 +126,14 @@ def architecture_of(kind: Kind, tensors: Mapping[str, Tensor], size: Architectur
 
 def sources_of(kind: Kind, architecture: Architecture) -> dict[str, Source]:
     """Return where each of our tensors is in a released checkpoint; for a Prismatic model, those of the backbone."""
-    names = empty(architecture).state_dict()
+    names = _shapes(architecture)
     return {ours: source_of(ours, kind) for ours in names if kind is not Kind.PRISMATIC or ours.startswith(BACKBONE)}
+
+
+@lru_cache(maxsize=8)
+def _shapes(architecture: Architecture) -> Mapping[str, torch.Size]:
+    """The shape of each of our tensors, for which a network is made that may have seven hundred of them."""
+    return {ours: tensor.shape for ours, tensor in empty(architecture).state_dict().items()}
 
 
 def released_shape(ours: torch.Size, layout: Layout) -> torch.Size:
@@ -164,11 +170,13 @@ def _check_adapters(tensors: Mapping[str, Tensor]) -> None:
 
 
 def _check_names(kind: Kind, given: Mapping[str, Tensor], architecture: Architecture) -> None:
-    expected = {other: _names(other, architecture_of(other, given, architecture)) for other in Kind}
-    missing, unexpected = sorted(expected[kind] - given.keys()), sorted(given.keys() - expected[kind])
-    count = counted(len(expected[kind]), "tensor")
-    for other, names in expected.items():
-        if other is not kind and names == given.keys():
+    expected = _names(kind, architecture)
+    if expected == given.keys():
+        return
+    missing, unexpected = sorted(expected - given.keys()), sorted(given.keys() - expected)
+    count = counted(len(expected), "tensor")
+    for other in Kind:
+        if other is not kind and _names(other, architecture_of(other, given, architecture)) == given.keys():
             raise ReleasedError(f"expected the {count} of '{kind}', got those of '{other}'; import them as that")
     if missing:
         verb = "is" if len(missing) == 1 else "are"
