@@ -156,11 +156,13 @@ def test_positions_of_a_larger_image_make_a_tower_for_it(tmp_path):
 def test_the_large_size_has_the_released_names_and_shapes(kind):
     shapes = synthetic.backbone(QWEN)
     if kind is Kind.PRISMATIC:
-        shapes = {released_names(synthetic.prismatic(QWEN))[n]: s for n, s in synthetic.prismatic(QWEN).items()}
+        names = released_names(synthetic.prismatic(QWEN))
+        shapes = {names[name]: shape for name, shape in synthetic.prismatic(QWEN).items()}
     else:
         head = synthetic.action_head(QWEN, pro=kind is Kind.VLA_ADAPTER)
         for file in (head, synthetic.projector(QWEN), {"action_queries.weight": (64, 896)}):
-            shapes |= {released_names(file)[name]: shape for name, shape in file.items()}
+            names = released_names(file)
+            shapes |= {names[name]: shape for name, shape in file.items()}
     positions = {"vision_backbone.featurizer.pos_embed": torch.empty(1, 256, 1024, device="meta")}
     architecture = architecture_of(kind, positions)
     ours = {name: tensor.shape for name, tensor in empty(architecture).state_dict().items()}
