@@ -51,37 +51,45 @@ def play(ray_here):
     return play
 
 
+@pytest.fixture(scope="module")
+def drifted(ray_here, tmp_path_factory):
+    """A run of `drift`, clean and with noise."""
+    return robogauntlet.evaluate(
+        drift, TASK, 4, conditions="noise:2", image_size=16, quiet=True, out=tmp_path_factory.mktemp("drift") / "run"
+    )
+
+
 def actions(run):
-    return run.episodes().set_index("seed")["actions_hash"].sort_index().to_dict()
+    rows = run.episodes()
+    return rows[rows["axis"] == "clean"].set_index("seed")["actions_hash"].sort_index().to_dict()
 
 
 @pytest.mark.ray
-def test_a_function_acts_as_the_same_function_in_the_workers(play, here):
+def test_a_function_acts_as_the_same_function_in_the_workers(drifted, play, here):
     (here / "drifting.py").write_text(
         "def act(images, proprioception, instruction):\n    import numpy as np\n\n"
         '    return np.full((4, 7), 0.01 + 0.01 * images["wrist"].mean() / 255)\n'
     )
-    run = play(drift)
+    run = play("python:drifting:act", options={"folder": str(here)})
     assert isinstance(run, robogauntlet.OpenRun)
     assert len(run.episodes()) == 4
-    assert actions(run) == actions(play("python:drifting:act", options={"folder": str(here)}))
+    assert actions(run) == actions(drifted)
 
 
 @pytest.mark.ray
-def test_a_run_is_a_table_and_shows_itself(play):
-    run = play(drift, conditions="noise:2")
-    table = run.table()
+def test_a_run_is_a_table_and_shows_itself(drifted):
+    table = drifted.table()
     assert isinstance(table, pd.DataFrame)
     assert table[["policy", "task", "condition", "n"]].values.tolist() == [
         ["drift", TASK, "clean", 4],
         ["drift", TASK, "noise@2", 4],
     ]
-    assert "<td>drift</td>" in run._repr_html_()
+    assert "<td>drift</td>" in drifted._repr_html_()
 
 
 @pytest.mark.ray
-def test_runs_of_two_policies_are_compared(play):
-    comparison = play(drift).compare("drift", "zero", other=play("zero"))
+def test_runs_of_two_policies_are_compared(drifted, play):
+    comparison = drifted.compare("drift", "zero", other=play("zero", conditions="noise:2"))
     assert "drift" in str(comparison)
 
 
@@ -111,11 +119,10 @@ def test_the_state_of_an_object_or_of_its_class_does_not_pass_from_episode_to_ep
 
 
 @pytest.mark.ray
-def test_the_same_function_continues_its_run(play, capsys):
-    play(drift, out="run")
-    run = play(drift, out="run", quiet=False)
-    assert "continuing: 4 of 4 episodes already done" in capsys.readouterr().out
-    assert len(run.episodes()) == 4
+def test_the_same_function_continues_its_run(drifted, play, capsys):
+    run = play(drift, conditions="noise:2", out=drifted.folder, quiet=False)
+    assert "continuing: 8 of 8 episodes already done" in capsys.readouterr().out
+    assert len(run.episodes()) == 8
 
 
 @pytest.mark.ray
