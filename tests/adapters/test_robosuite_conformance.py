@@ -5,7 +5,7 @@ import pytest
 from robogauntlet.orchestrator.adapter_kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
-TASKS = ("Lift", "Stack", "Door", "PickPlaceCan", "TwoArmLift@TwoPandas")
+TASKS = ("Lift", "Door", "PickPlaceCan", "TwoArmLift@TwoPandas")
 IN_BINS = ("objects-box", "objects-move", "table-props", "table-paint", "table-height")
 IN_BINS += ("axis-object-position", "axis-table", "axis-distractors")
 OF_ONE_ARM = ("objects-box", "objects-move", "table-height", "axis-object-position")

@@ -6,7 +6,7 @@ import pytest
 
 from tests.chaos.campaign import draw_faults, run_campaign
 from tests.chaos.places import OneMachine
-from tests.chaos.suites import NULL, REAL
+from tests.chaos.suites import NULL
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 RUNS, FAULTS_PER_RUN = 2, 4
@@ -43,16 +43,3 @@ def test_no_episode_is_lost_or_duplicate_and_no_process_remains(results, number)
 
 def test_every_kind_of_fault_occurred(results):
     assert {fault for result in results.values() for fault in result.faults} == OneMachine.faults.keys()
-
-
-@pytest.mark.simulator
-def test_three_real_simulators_survive_the_death_of_worker_ray_and_scheduler(tmp_path):
-    suite, calm_suite = tmp_path / "suite.yaml", tmp_path / "calm.yaml"
-    suite.write_text(REAL)
-    calm_suite.write_text(REAL.replace("workers: auto", "workers: 1"))
-    faults = ("worker killed", "raylet killed", "scheduler killed")
-    disturbed = run_campaign(suite, tmp_path / "disturbed", 0, faults=faults, gap_s=1.0)
-    undisturbed = run_campaign(calm_suite, tmp_path / "undisturbed", 0, faults=(), gap_s=1.0)
-    assert (disturbed.problems, undisturbed.problems) == ([], [])
-    assert disturbed.starts == 2
-    assert disturbed.rows_hash == undisturbed.rows_hash

@@ -144,63 +144,83 @@ def test_a_misspelt_suite_file_gets_a_suggestion(run_command, tmp_path):
     assert run_command("validate", "demmo.yaml").refusal == "demmo.yaml: no such file; did you mean demo.yaml?"
 
 
-@pytest.mark.ray
-def test_run_replay_and_report(tmp_path, suite):
-    suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "5"))
-    folder = tmp_path / "run"
-    done = run_gauntlet("run", suite, "--out", folder)
+@pytest.fixture(scope="module")
+def small_run(tmp_path_factory):
+    """A suite file, the folder of its run with media, and what `robogauntlet run` printed."""
+    folder = tmp_path_factory.mktemp("small")
+    (suite := folder / "suite.yaml").write_text(SUITE.replace("Slow", "Reach").replace("60", "5"))
+    done = run_gauntlet("run", suite, "--out", folder / "run")
     assert done.returncode == 0, done.stderr
-    assert "10 of 10 episodes" in done.stdout
-    assert f"report: {folder / 'report.html'}" in done.stdout
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary["total"]["successes"] == 5
+    return suite, folder / "run", done.stdout
 
+
+def episode_of_oracle(folder, seed):
     rows = pd.read_parquet(folder / "episodes.parquet")
-    wanted = rows[(rows.policy == "oracle") & (rows.seed == 3)].episode_id.item()
-    done = run_gauntlet("replay", wanted[:10], "--run", folder)
-    assert done.returncode == 0, done.stderr
-    assert "the same as stored" in done.stdout
+    return rows[(rows.policy == "oracle") & (rows.seed == seed)].episode_id.item()
+
+
+@pytest.mark.ray
+def test_a_run_prints_its_numbers_and_where_its_report_is(small_run):
+    _, folder, printed = small_run
+    assert "10 of 10 episodes" in printed
+    assert f"report: {folder / 'report.html'}" in printed
+    assert json.loads((folder / "summary.json").read_text())["total"]["successes"] == 5
+
+
+@pytest.mark.ray
+def test_an_episode_is_replayed_by_the_beginning_of_its_id_and_recorded(run_command, small_run):
+    _, folder, _ = small_run
+    wanted = episode_of_oracle(folder, 3)
+    assert "the same as stored" in run_command("replay", wanted[:10], "--run", folder).out
     assert (folder / "media/videos" / f"{wanted}.mp4").stat().st_size > 500
-    assert run_gauntlet("replay", "ffffffffffff", "--run", folder).returncode == EXIT_BAD_INPUT
+    assert run_command("replay", "ffffffffffff", "--run", folder).code == EXIT_BAD_INPUT
 
-    done = run_gauntlet("replay", wanted, "--run", folder, "--with", "action-delay=2.5", "--with", "action-noise=1")
-    assert done.returncode == 0, done.stderr
-    assert "null/Reach, oracle, seed 3, clean: success after " in done.stdout
-    assert "null/Reach, oracle, seed 3, action-delay@2.5+action-noise@1: " in done.stdout
+
+@pytest.mark.ray
+def test_an_episode_is_replayed_with_another_condition_beside_the_original(run_command, small_run):
+    _, folder, _ = small_run
+    changes = ("--with", "action-delay=2.5", "--with", "action-noise=1")
+    printed = run_command("replay", episode_of_oracle(folder, 3), "--run", folder, *changes).out
+    assert "null/Reach, oracle, seed 3, clean: success after " in printed
+    assert "null/Reach, oracle, seed 3, action-delay@2.5+action-noise@1: " in printed
     (changed,) = (folder / "media/changed").iterdir()
-    assert f"video: {changed}" in done.stdout
+    assert f"video: {changed}" in printed
 
+
+@pytest.mark.ray
+def test_the_report_of_a_run_is_written_again(run_command, small_run):
+    _, folder, _ = small_run
     (folder / "report.html").unlink()
-    assert run_gauntlet("report", folder).returncode == 0
+    assert run_command("report", folder).code == 0
     assert (folder / "report.html").exists()
 
-    output = run_gauntlet("plan", suite, "--out", folder).stdout
-    assert "10 episodes, 0 to play" in output
 
+@pytest.mark.ray
+def test_media_that_are_missing_are_counted_and_recorded_on_request(run_command, small_run):
+    suite, folder, _ = small_run
+    assert "10 episodes, 0 to play" in run_command("plan", suite, "--out", folder).out
     shutil.rmtree(folder / "media")
-    command = f"robogauntlet run {suite} --out {folder}"
     slow = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps(slow | {"media_s": 1000.0}))
-    output = run_gauntlet("run", suite, "--out", folder).stdout
-    assert f"not recorded: 2 videos and snapshots; to record all: {command} --media" in output
-    done = run_gauntlet("run", suite, "--out", folder, "--media")
-    assert done.stdout.index("10 of 10 episodes") < done.stdout.index("recorded 2 videos and snapshots in")
-    assert "left out" not in done.stdout
+    command = f"robogauntlet run {suite} --out {folder}"
+    printed = run_command("run", suite, "--out", folder).out
+    assert f"not recorded: 2 videos and snapshots; to record all: {command} --media" in printed
+    printed = run_gauntlet("run", suite, "--out", folder, "--media").stdout
+    assert printed.index("10 of 10 episodes") < printed.index("recorded 2 videos and snapshots in")
+    assert "left out" not in printed
     assert len(list((folder / "media/videos").iterdir())) == 2
-    assert run_gauntlet("run", suite, "--out", folder, "-q").stdout == ""
+    assert run_command("run", suite, "--out", folder, "-q").out == ""
 
 
 @pytest.mark.ray
-def test_a_replay_that_differs_names_the_differing_fields(tmp_path, suite):
-    suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "2"))
-    folder = tmp_path / "run"
-    run_gauntlet("run", suite, "--out", folder, "--no-media")
+def test_a_replay_that_differs_names_the_differing_fields(run_command, small_run, tmp_path):
+    folder = shutil.copytree(small_run[1], tmp_path / "changed")
+    wanted = episode_of_oracle(folder, 1)
     with sqlite3.connect(folder / "episodes.sqlite") as database:
-        (wanted,) = database.execute("select episode_id from episodes where policy = 'oracle' and seed = 1").fetchone()
         database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
-    done = run_gauntlet("replay", wanted, "--run", folder)
-    assert done.returncode == 1
-    assert "robogauntlet: steps: stored 999, now" in done.stderr
+    done = run_command("replay", wanted, "--run", folder)
+    assert done.code == 1
+    assert "robogauntlet: steps: stored 999, now" in done.err
 
 
 def start(suite, folder, *part):

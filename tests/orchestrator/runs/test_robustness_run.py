@@ -1,4 +1,4 @@
-"""The shipped smoke suite of perturbations in three simulators: all levels delivered, nothing else changed."""
+"""Half of the shipped smoke suite of perturbations in three simulators: all levels delivered, nothing else changed."""
 
 import json
 import math
@@ -15,14 +15,24 @@ from robogauntlet.suites.selection import SuiteSelection
 from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.slow, pytest.mark.usefixtures("ray_here")]
-SEEN = ("camera-orbit", "illuminance", "distractors", "object-position", "robot-start", "noise")
+SEEN = ("camera-orbit", "illuminance", "object-position")
 """Axes of the suite that change the first observation."""
+LEFT_OUT = """  - {axis: distractors, severities: [4]}
+  - {axis: robot-start, severities: [2]}
+  - {axis: noise, severities: [4]}
+  - {axis: instruction, severities: [2]}
+"""
+"""Conditions of the suite that are played as these are; the conformance tests see each delivered."""
 
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory, ray_here):
     folder = tmp_path_factory.mktemp("runs")
-    (suite := folder / "smoke.yaml").write_text(find_suite("robustness-smoke").read_text() + "workers: 1\n")
+    text = find_suite("robustness-smoke").read_text()
+    for line in LEFT_OUT.splitlines(keepends=True):
+        assert line in text
+        text = text.replace(line, "")
+    (suite := folder / "smoke.yaml").write_text(text.replace("[2, 4]", "[4]") + "workers: 1\n")
     return play(suite, folder / "smoke", part=SuiteSelection(seeds=1), media=True)
 
 
@@ -33,7 +43,7 @@ def rows(played):
 
 def test_no_episode_is_an_error(rows):
     assert {row.error for row in rows if row.status == Status.ERROR} == set()
-    assert len(rows) == 78
+    assert len(rows) == 48
 
 
 def test_replays_for_videos_end_like_the_rows_and_every_condition_has_a_snapshot(played, rows):
@@ -61,7 +71,7 @@ def test_every_level_is_delivered_if_the_policy_observes_or_actions_are_perturbe
 
 def test_all_episodes_start_from_the_clean_state_and_the_report_says_so(played):
     robustness = json.loads(ReportPaths.in_folder(played.folder).summary.read_text())["robustness"]
-    assert robustness["start_states"] == {"compared": 60, "differing": 0}
+    assert robustness["start_states"] == {"compared": 30, "differing": 0}
     assert robustness["oracle_gate"] == "oracle"
     assert {row["control"] for row in robustness["controls"]} == {"blind", "wrong-goal"}
     assert {row["axis"] for row in robustness["gate_rows"]} <= {"action-delay", "object-position", "robot-start"}
