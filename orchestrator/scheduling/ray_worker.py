@@ -20,6 +20,7 @@ from robogauntlet.orchestrator.inference.ray_policy_server import served_policie
 from robogauntlet.orchestrator.scheduling.worker_pool import Unavailable
 from robogauntlet.suites.episode import View
 from robogauntlet.support.errors import describe
+from robogauntlet.support.garbage_collection import collector_paused
 
 Job = Callable[[EpisodeRunner, Lease], Iterator[Any]]
 """Plays a lease and yields a result for each episode, in order. Pickled and sent to each worker.
@@ -47,7 +48,8 @@ class Worker:
     def prepare(self, task: str, view: View) -> Readiness | Unavailable:
         """Open a task."""
         try:
-            return self._runner.prepare(task, view)
+            with collector_paused():
+                return self._runner.prepare(task, view)
         except AdapterError as error:
             return Unavailable(str(error))
         except Exception as error:  # a missing driver can raise anything
@@ -63,7 +65,7 @@ class Worker:
         """
         if (name := lease.cell.policy) not in self._loaded:
             self._loaded.add(name)
-            with contextlib.suppress(Exception):  # the episodes say what is wrong
+            with contextlib.suppress(Exception), collector_paused():  # the episodes say what is wrong
                 self._served[name].load() if name in self._served else self._runner.load(name)
             yield [], self._process.memory_info().rss, False
         batch: list[Any] = []

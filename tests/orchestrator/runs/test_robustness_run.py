@@ -22,7 +22,7 @@ LEFT_OUT = """  - {axis: distractors, severities: [4]}
   - {axis: noise, severities: [4]}
   - {axis: instruction, severities: [2]}
 """
-"""Conditions of the suite that are played as these are; the conformance tests see each delivered."""
+"""Conditions of the suite that are played as the others are; `perturbations/test_real.py` sees each delivered."""
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_every_level_is_delivered_if_the_policy_observes_or_actions_are_perturbe
 
 def test_all_episodes_start_from_the_clean_state_and_the_report_says_so(played):
     robustness = json.loads(ReportPaths.in_folder(played.folder).summary.read_text())["robustness"]
-    assert robustness["start_states"] == {"compared": 30, "differing": 0}
+    assert robustness["start_states"] == {"compared": 36, "differing": 0}
     assert robustness["oracle_gate"] == "oracle"
     assert {row["control"] for row in robustness["controls"]} == {"blind", "wrong-goal"}
     assert {row["axis"] for row in robustness["gate_rows"]} <= {"action-delay", "object-position", "robot-start"}

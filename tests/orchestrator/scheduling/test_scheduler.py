@@ -19,7 +19,7 @@ from robogauntlet.suites.resources import Resources
 from tests.full_disk import no_space
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
-SOURCES = {name: PolicySource(name) for name in ("oracle", "random", "untrained")}
+SOURCES = {name: PolicySource(name) for name in ("oracle", "random", "zero")}
 
 
 def work(task="null/Reach", seeds=range(40), policies=("oracle",)):
@@ -55,14 +55,14 @@ def seeds(rows):
 
 
 def test_every_episode_is_returned_exactly_once(observer):
-    rows = play(observer, work(policies=("oracle", "random", "untrained")))
+    rows = play(observer, work(policies=("oracle", "random", "zero")))
     assert len(rows) == len({row.episode_id for row in rows}) == 120
     assert rows == observer.rows
     assert {row.worker for row in rows} <= {"null-0", "null-1"}
 
 
 def test_rows_are_the_same_with_one_worker_and_with_four(observer):
-    items = work(policies=("oracle", "random", "untrained"))
+    items = work(policies=("oracle", "random", "zero"))
     one, four = (play(observer, items, workers={"null": n}) for n in (1, 4))
     assert rows_hash(map(outcome_row, one)) == rows_hash(map(outcome_row, four))
 
@@ -88,7 +88,7 @@ def test_a_killed_worker_only_costs_a_retry(observer):
     assert seeds(rows) == Counter(range(60))
     assert all(row.status == "success" for row in rows)
     assert any("the worker process died" in message for message in observer.warnings)
-    undisturbed = play(observer, work("null/Slow", range(60)))
+    undisturbed = play(observer, work("null/Slow", range(60)), workers={"null": 1})
     assert sorted(map(outcome_row, rows)) == sorted(map(outcome_row, undisturbed))
 
 
@@ -96,8 +96,8 @@ def test_an_episode_that_kills_its_worker_once_succeeds_at_the_next_attempt(obse
     monkeypatch.setattr(
         "robogauntlet.orchestrator.environments.resolver._ONE_THREAD", {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}
     )
-    rows = play(observer, work("null/Crash", range(15)))
-    assert seeds(rows) == Counter(range(15))
+    rows = play(observer, work("null/Crash", range(5, 9)))
+    assert seeds(rows) == Counter(range(5, 9))
     assert {row.status for row in rows} == {"success"}
 
 
@@ -197,8 +197,8 @@ def test_a_simulator_that_cannot_be_opened_is_skipped_with_its_reason(observer, 
 
 def test_workers_are_replaced_after_a_bounded_number_of_episodes(observer, monkeypatch):
     monkeypatch.setattr("robogauntlet.orchestrator.scheduling.scheduler.RECYCLE_AFTER", 20)
-    rows = play(observer, work(seeds=range(200)), workers={"null": 1})
-    assert seeds(rows) == Counter(range(200))
+    rows = play(observer, work(seeds=range(60)), workers={"null": 1})
+    assert seeds(rows) == Counter(range(60))
     assert len({ready.pid for _, ready in observer.ready}) >= 3
 
 
@@ -235,8 +235,8 @@ def test_slots_that_are_added_during_the_run_are_used(observer, monkeypatch):
 
 
 def test_a_worker_above_the_memory_limit_is_replaced(observer):
-    rows = play(observer, work(seeds=range(60)), workers={"null": 1}, resources={"null": Resources(memory_gb=1e-9)})
-    assert seeds(rows) == Counter(range(60))
+    rows = play(observer, work(seeds=range(20)), workers={"null": 1}, resources={"null": Resources(memory_gb=1e-9)})
+    assert seeds(rows) == Counter(range(20))
     assert len({ready.pid for _, ready in observer.ready}) >= 3
     assert not observer.warnings
 
