@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
-from robogauntlet.results.report.summary import render_csv
-from robogauntlet.results.run_document import RunDocument, RunStatus
+from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.errors import BadInput
+
+if TYPE_CHECKING:  # the process of a tracker starts without them
+    from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
+    from robogauntlet.results.run_document import RunDocument
 
 COLUMNS = (
     *("simulator", "task", "policy", "policy_digest", "axis", "severity"),
@@ -57,6 +59,8 @@ class TrackedRun:
 
 def tracked_run(document: RunDocument, tables: Tables | None) -> TrackedRun:
     """Collect the results of a run for an experiment tracker; without tables, what is known at its start."""
+    from robogauntlet.results.report.summary import render_csv
+
     source = document.provenance
     provenance = {
         "run_id": document.run_id,

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from robogauntlet.orchestrator.trackers.tracked_run import TrackedRun, TrackerError, check_project, tracked_run
-from robogauntlet.results.analysis.tables import Tables
-from robogauntlet.results.run_document import RunDocument
+
+if TYPE_CHECKING:  # the process of a tracker starts without them
+    from robogauntlet.results.analysis.tables import Tables
+    from robogauntlet.results.run_document import RunDocument
 
 PROJECT = "robogauntlet"
 """Default project of W&B, experiment of MLflow."""
