@@ -1,14 +1,20 @@
 """Shared by the tests of trackers: a run to log, the verb, and a reader of W&B's files."""
 
+import contextlib
+import io
 import json
 import os
+import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
+from importlib.util import find_spec
 
 import pytest
 
+from robogauntlet.orchestrator.cli import main
 from robogauntlet.results.run_document import Provenance, RunStatus
 from robogauntlet.suites.episode import Condition
-from tests.processes import run_process
+from tests.processes import run_gauntlet
 from tests.results.synthetic import cells, document, row, run_folder
 
 CONDITIONS = (Condition(), Condition("camera-position", 3))
@@ -38,17 +44,42 @@ def save(folder, **changes):
     return run_folder(folder, document(20, own, **{**values, **changes}), rows)
 
 
-def gauntlet_log(*arguments, cwd, without=(), **environment):
-    """`robogauntlet log`, in a new process, as if the libraries `without` were not installed."""
-    code = (
-        f"import sys; sys.modules.update(dict.fromkeys({list(without)}))\n"
-        "from robogauntlet.orchestrator.cli import app, main\nfrom robogauntlet.orchestrator.cli.log import log\n"
-        "app.command('log')(log)\nmain()"
-    )
+def require(extra, *libraries):
+    """Skip the tests of a module without these libraries, which are not imported: that takes seconds."""
+    if not all(map(find_spec, libraries)):
+        pytest.skip(f'not installed: pip install "robogauntlet[{extra}]"', allow_module_level=True)
+
+
+@contextlib.contextmanager
+def alone(cwd, variables):
+    """In a folder, without settings of a tracker but these."""
     with pytest.MonkeyPatch.context() as patch:
         for name in [name for name in os.environ if name.startswith(("WANDB_", "MLFLOW_"))]:
             patch.delenv(name)
-        return run_process([sys.executable, "-c", code, "log", *arguments], cwd, HOME=str(cwd), **environment)
+        for name, value in {"HOME": str(cwd), **variables}.items():
+            patch.setenv(name, value)
+        patch.chdir(cwd)
+        yield patch
+
+
+def gauntlet_log(*arguments, cwd, without=(), **environment):
+    """`robogauntlet log`, in this process, as if the libraries `without` were not installed."""
+    output, errors, code = io.StringIO(), io.StringIO(), 0
+    with alone(cwd, environment) as patch, redirect_stdout(output), redirect_stderr(errors):
+        for name in [*without, *(name for name in sys.modules if name.partition(".")[0] in without)]:
+            patch.setitem(sys.modules, name, None)
+        patch.setattr(sys, "argv", ["robogauntlet", "log", *arguments])
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    return subprocess.CompletedProcess(arguments, code, output.getvalue(), errors.getvalue())
+
+
+def gauntlet_log_apart(*arguments, cwd, **environment):
+    """`robogauntlet log`, in a new process: W&B keeps the settings with which it was first used in one."""
+    with alone(cwd, environment):
+        return run_gauntlet("log", *arguments, cwd=cwd)
 
 
 def wandb_records(path):

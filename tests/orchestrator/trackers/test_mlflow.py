@@ -3,10 +3,9 @@
 import pytest
 
 from robogauntlet.results.run_document import RunStatus
-from tests.orchestrator.trackers.runs import gauntlet_log, save
+from tests.orchestrator.trackers.runs import gauntlet_log, require, save
 
-for library in ("mlflow", "alembic"):
-    pytest.importorskip(library, reason='MLflow is not installed: pip install "robogauntlet[mlflow]"')
+require("mlflow", "mlflow", "alembic")
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,16 @@ import json
 import pytest
 
 from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS
-from tests.orchestrator.trackers.runs import gauntlet_log, items, save, wandb_records
+from tests.orchestrator.trackers.runs import gauntlet_log_apart, items, require, save, wandb_records
 
-pytest.importorskip("wandb", reason='W&B is not installed: pip install "robogauntlet[wandb]"')
+require("wandb", "wandb")
 
 
 @pytest.fixture(scope="module")
 def logged(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wandb")
     save(folder / "night")
-    done = gauntlet_log("night", "--to", "wandb", "--project", "nights", cwd=folder, WANDB_MODE="offline")
+    done = gauntlet_log_apart("night", "--to", "wandb", "--project", "nights", cwd=folder, WANDB_MODE="offline")
     assert done.returncode == 0, done.stderr
     return folder, done
 
@@ -65,14 +65,14 @@ def test_the_place_of_the_run_is_returned(logged):
 
 
 def test_a_missing_login_is_one_line_with_the_remedy(logged):
-    done = gauntlet_log("night", "--to", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9")
+    done = gauntlet_log_apart("night", "--to", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9")
     assert done.returncode == 2
     assert "W&B did not accept the run (" in done.stderr.splitlines()[-1]
     assert "WANDB_MODE=offline" in done.stderr
 
 
 def test_a_key_is_not_repeated(logged):
-    done = gauntlet_log(
+    done = gauntlet_log_apart(
         "night", "--to", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9", WANDB_API_KEY="s3cr3t"
     )
     assert done.returncode == 2
