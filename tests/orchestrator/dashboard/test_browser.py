@@ -1,6 +1,5 @@
 """The pages in a real browser: names are never run as scripts, and numbers change without a reload."""
 
-import html
 import re
 import subprocess
 from urllib.parse import quote
@@ -12,6 +11,7 @@ from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts
 from robogauntlet.suites.episode import Cell, Protocol
 from tests.contrast import CHROMIUM, check_contrast
+from tests.frames import Frame, found_in
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import live_status, running
 from tests.results.synthetic import document, row, run_folder
@@ -22,14 +22,8 @@ pytestmark = [
 ]
 OWN = "document.documentElement.dataset.owned=1"
 BAD = f"x'\"><script>{OWN}</script><img src=x onerror={OWN}>"
-MEASURE = """
-<!doctype html><body><iframe id="page" width="380" height="800" srcdoc="{page}"></iframe><pre id="found"></pre>
-<script>
-onload = () => {{
-  const page = document.getElementById("page").contentDocument.documentElement;
-  document.getElementById("found").textContent = page.clientWidth + " " + page.scrollWidth;
-}};
-</script></body>
+WIDTHS = """
+(page) => [page.documentElement.clientWidth, page.documentElement.scrollWidth]
 """
 
 
@@ -159,11 +153,14 @@ def test_every_text_is_readable(filled, tmp_path, dark):
     check_contrast([page_with_style(filled, path) for path in PAGES], tmp_path, dark=dark)
 
 
+@pytest.fixture(scope="module")
+def widths_on_a_phone(filled, tmp_path_factory):
+    """Path to the width of the phone and that of the page."""
+    frames = [Frame(page_with_style(filled, path), 380, WIDTHS) for path in PAGES]
+    return dict(zip(PAGES, found_in(frames, tmp_path_factory.mktemp("phone")), strict=True))
+
+
 @pytest.mark.parametrize("path", PAGES)
-def test_a_page_fits_a_phone(filled, tmp_path, path):
-    page = page_with_style(filled, path)
-    file = tmp_path / "measure.html"
-    file.write_text(MEASURE.format(page=html.escape(page, quote=True)))
-    found = re.search(r'<pre id="found">(\d+) (\d+)<', seen(file.as_uri(), tmp_path / "profile"))
-    width, scroll = int(found[1]), int(found[2])
+def test_a_page_fits_a_phone(widths_on_a_phone, path):
+    width, scroll = widths_on_a_phone[path]
     assert 0 < scroll <= width <= 380

@@ -1,7 +1,5 @@
 """The interactive plots as a browser draws them: labels can be read, and values need no mouse."""
 
-import html
-import json
 import re
 
 import pytest
@@ -9,7 +7,7 @@ import pytest
 from robogauntlet.results.report import write_report
 from robogauntlet.suites.episode import Condition
 from tests.contrast import CHROMIUM
-from tests.results.report.test_browser import html_after_scripts
+from tests.frames import Frame, found_in
 from tests.results.synthetic import cells, document, rows, run_folder
 
 pytestmark = [
@@ -19,29 +17,25 @@ pytestmark = [
 CONDITIONS = tuple(Condition(axis, severity) for axis, severity in (("clean", 0), ("noise", 4), ("blind", 1)))
 TASKS = tuple(f"simulator{number % 3}/PandaPickAndPlaceWithLongName{number}-v3" for number in range(30))
 ASK = """
-<!doctype html><body><iframe id="page" width="{width}" height="900" srcdoc="{page}"></iframe><pre id="found"></pre>
-<script>
-onload = () => {{
-  const page = document.getElementById("page").contentDocument;
+async (page) => {
   const folds = [...page.querySelectorAll("details")];
   for (const fold of folds) fold.querySelector("summary").click(); // as the Enter key does
-  setTimeout(() => {{
-    const cells = (rows) => [...rows].map((row) => [...row.cells].map((cell) => cell.textContent));
-    const tables = folds.map((fold) => cells(fold.querySelectorAll("tr")));
-    const labels = [...page.querySelectorAll("#map .xtick text, #map .ytick text")];
-    document.getElementById("found").textContent = JSON.stringify({{
-      labels: labels.map((label) => label.textContent),
-      boxes: labels.map((label) => label.getBoundingClientRect()),
-      plot: page.querySelector("#map .main-svg").getBoundingClientRect(),
-      width: page.documentElement.clientWidth,
-      scroll: page.documentElement.scrollWidth,
-      reached: [...page.querySelectorAll("summary, .wide")].map((one) => one.tabIndex),
-      tables,
-    }});
-  }}, 1500);
-}};
-</script></body>
+  await new Promise((done) => setTimeout(done, 1500));
+  const cells = (rows) => [...rows].map((row) => [...row.cells].map((cell) => cell.textContent));
+  const tables = folds.map((fold) => cells(fold.querySelectorAll("tr")));
+  const labels = [...page.querySelectorAll("#map .xtick text, #map .ytick text")];
+  return {
+    labels: labels.map((label) => label.textContent),
+    boxes: labels.map((label) => label.getBoundingClientRect()),
+    plot: page.querySelector("#map .main-svg").getBoundingClientRect(),
+    width: page.documentElement.clientWidth,
+    scroll: page.documentElement.scrollWidth,
+    reached: [...page.querySelectorAll("summary, .wide")].map((one) => one.tabIndex),
+    tables,
+  };
+}
 """
+COUNTS, WIDTHS = (2, 9, len(TASKS)), (1280, 390)
 
 
 def explorer(folder, tasks):
@@ -49,12 +43,13 @@ def explorer(folder, tasks):
     return write_report(run_folder(folder / "run", document(1, of=plan), rows(plan, 1))).paths.explorer.read_text()
 
 
-def seen(page, width, folder):
-    """What a browser says about the page in a frame of that width (px)."""
-    file = folder / "ask.html"
-    file.write_text(ASK.format(width=width, page=html.escape(page, quote=True)))
-    body = html_after_scripts(file.as_uri(), folder, "--virtual-time-budget=8000")
-    return json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', body, re.DOTALL)[1]))
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """Number of tasks and width of a frame (px), to what a browser says about the page in it."""
+    pages = {count: explorer(tmp_path_factory.mktemp("explorer"), TASKS[:count]) for count in COUNTS}
+    cases = [(count, width) for count in COUNTS for width in WIDTHS]
+    frames = [Frame(pages[count], width, ASK) for count, width in cases]
+    return dict(zip(cases, found_in(frames, tmp_path_factory.mktemp("seen")), strict=True))
 
 
 def overlap(one, other):
@@ -65,12 +60,12 @@ def overlap(one, other):
     )
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("tasks", [TASKS[:2], TASKS[:9], TASKS])
-def test_labels_of_the_heat_map_can_be_read(tmp_path, width, tasks):
-    found = seen(explorer(tmp_path, tasks), width, tmp_path)
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("count", COUNTS)
+def test_labels_of_the_heat_map_can_be_read(seen, count, width):
+    found = seen[count, width]
     boxes = found["boxes"]
-    assert found["labels"][: len(tasks)] == list(tasks)
+    assert found["labels"][:count] == list(TASKS[:count])
     assert [
         (found["labels"][a], found["labels"][b])
         for a in range(len(boxes))
@@ -81,8 +76,8 @@ def test_labels_of_the_heat_map_can_be_read(tmp_path, width, tasks):
     assert found["scroll"] <= found["width"]  # a wide map scrolls in its place
 
 
-def test_values_can_be_read_without_a_mouse(tmp_path):
-    found = seen(explorer(tmp_path, TASKS[:2]), 1280, tmp_path)
+def test_values_can_be_read_without_a_mouse(seen):
+    found = seen[2, 1280]
     assert found["reached"] == [0, 0, 0]
     lines, cells_of = found["tables"]
     assert lines[0] == ["policy", "simulator", "severity", "success", "95 % interval", "episodes"]
