@@ -1,19 +1,23 @@
-"""The contract of routers: first observations in, scores of experts out."""
+"""The contract of routers: first observations in, scores of experts out.
+
+Simulator processes, which write first observations, import it: torch and the networks are imported by what uses them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Protocol
 
 from robogauntlet.adapters.catalog import body_of, original
 from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, FloatArray
 from robogauntlet.policies.contract import PolicyError, Routing
-from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-from robogauntlet.policies.mergevla.network.backbone import HiddenStates
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.network.backbone import HiddenStates
 
 LARGEST_BATCH = 32
 """Largest number of observations in one pass of a backbone."""
@@ -91,6 +95,8 @@ def hidden_states(
     model: MergedModel, expert: str | None, observations: Sequence[FirstObservation], *, sees_instruction: bool
 ) -> Iterator[HiddenStates]:
     """Yield hidden states of observations, batch by batch; RoutingError for images of another shape."""
+    import torch
+
     architecture = model.architecture
     size = architecture.image_size
     expected = (len(architecture.cameras), 3, size, size)

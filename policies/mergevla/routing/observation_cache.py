@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from robogauntlet.adapters.catalog import body_of
@@ -69,6 +68,8 @@ class ObservationCache:
 
     def observations(self, seeds: Sequence[int]) -> list[FirstObservation]:
         """Return the first observations of these seeds, in order. The same on every machine, episode ids included."""
+        import torch  # not needed by the processes of simulators, which save observations
+
         return [
             FirstObservation(
                 images=torch.from_numpy(self.images[index]).permute(0, 3, 1, 2).float() / 255.0,
