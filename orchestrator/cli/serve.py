@@ -41,6 +41,9 @@ def serve(
 
     Its pages show running suites, results and schedules. Ctrl-C stops it.
     """
+    public = None if public_url is None else _public(public_url)
+    token, read_token = _tokens(host, public)
+
     import uvicorn
 
     from robogauntlet.orchestrator.dashboard.app import create_app
@@ -48,8 +51,6 @@ def serve(
     from robogauntlet.orchestrator.dashboard.server import SWITCH_S, server_config
     from robogauntlet.orchestrator.schedules.store import ScheduleStore
 
-    public = None if public_url is None else _public(public_url)
-    token, read_token = _tokens(host, public)
     listening = listen(host, port)
     with listening, open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedule_store:
         settings = Settings(
