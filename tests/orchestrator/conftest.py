@@ -14,6 +14,14 @@ def ray_here():
         yield
 
 
+@pytest.fixture(scope="module")
+def room_for_one():
+    """Runs whose suite names no number of workers have one: each costs seconds of processor time to start."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robogauntlet.orchestrator.runs.run.room_for_workers", lambda: 1)
+        yield
+
+
 class RecordingObserver:
     """An observer of a scheduler that records its calls."""
 

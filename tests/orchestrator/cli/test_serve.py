@@ -41,7 +41,7 @@ def served(policy):
 def run_of(run_command, folder, policies, tasks="[null/Reach]", count=6):
     suite = f"name: s\npolicies: {yaml.safe_dump(policies, default_flow_style=True)}tasks: {tasks}\n"
     (folder / "s.yaml").write_text(
-        f"{suite}seeds: {{count: {count}}}\nworkers: 2\nimage_size: 32\nerror_tolerance: 1.0\n"
+        f"{suite}seeds: {{count: {count}}}\nworkers: 1\nimage_size: 32\nerror_tolerance: 1.0\n"
     )
     return run_command("run", "s.yaml", "--out", "run", "--no-media")
 

@@ -15,7 +15,7 @@ from tests.orchestrator.dashboard.test_uploading import left_over
 
 PATHS = ("/", "/api/live", "/runs", "/history?policy=merged", "/leaderboard?suite=nightly", "/compare", "/failures")
 PATHS += ("/schedule", "/metrics", "/healthz")
-SECONDS, TIMEOUT_S, MEMORY = 5.0, 60.0, 300_000_000
+SECONDS, TIMEOUT_S, MEMORY = 2.0, 60.0, 300_000_000
 LIMIT_MB = 2
 
 

@@ -1,7 +1,6 @@
 """Access to the dashboard, and the files that it serves."""
 
 import http.client
-import os
 import re
 import signal
 import socket
@@ -169,24 +168,16 @@ def test_every_file_of_a_report_is_shown(tmp_path):
         assert known_file(folder, name) == folder / name
 
 
-def refusal(*arguments):
-    """The only line of a command that does not serve."""
-    environment = {name: value for name, value in os.environ.items() if name != "ROBOGAUNTLET_TOKEN"}
-    done = subprocess.run([*SERVE, *arguments], capture_output=True, text=True, timeout=120, env=environment)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    return line
+def test_an_address_that_other_machines_reach_needs_a_token(run_command, monkeypatch):
+    monkeypatch.delenv("ROBOGAUNTLET_TOKEN", raising=False)
+    assert "ROBOGAUNTLET_TOKEN" in run_command("serve", "--host", "0.0.0.0").refusal
 
 
-def test_an_address_that_other_machines_reach_needs_a_token():
-    assert "ROBOGAUNTLET_TOKEN" in refusal("--host", "0.0.0.0")
-
-
-def test_a_port_in_use_is_one_line(tmp_path):
+def test_a_port_in_use_is_one_line(run_command, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        line = refusal("--port", port, "--history", f"sqlite:///{tmp_path}/history.sqlite")
-    assert f"127.0.0.1:{port}: cannot listen: Address already in use" in line
+        done = run_command("serve", "--port", port, "--history", f"sqlite:///{tmp_path}/history.sqlite")
+    assert f"127.0.0.1:{port}: cannot listen: Address already in use" in done.refusal
 
 
 def test_the_command_serves_until_it_is_interrupted(tmp_path):
@@ -200,6 +191,7 @@ def test_the_command_serves_until_it_is_interrupted(tmp_path):
     assert re.fullmatch(rf"\S+ \S+ INFO started at {address}, no token is needed\n", complaints)
 
 
-def test_a_file_that_is_no_store_is_one_line(tmp_path):
+def test_a_file_that_is_no_store_is_one_line(run_command, tmp_path):
     (tmp_path / "history.sqlite").write_text("this text is no store, whatever the name of its file\n" * 99)
-    assert "expected a store" in refusal("--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite")
+    done = run_command("serve", "--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite")
+    assert "expected a store" in done.refusal

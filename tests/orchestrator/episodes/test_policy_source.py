@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import (
     PolicyBundle,
     PolicySource,
@@ -169,12 +170,10 @@ def test_workers_without_the_files_play_the_same_rows(folder, ray_here, observer
     work = [(Cell(name, source.digest, "null/Reach", protocol), range(3)) for name, source in known.items()]
     options = SchedulerOptions({"null": 1}, episode_time_limit_s=120.0, allowed_errors=0)
 
-    def rows(given):
-        found = []
-        Scheduler(work_queues(work, 1), RayWorkerPool(given), options, found.extend, observer).run()
-        return sorted(map(outcome_row, found))
-
-    before = rows(known)
+    runner = EpisodeRunner(known)
+    before = sorted(outcome_row(runner.play_one(cell.episode(seed))) for cell, seeds in work for seed in seeds)
     sent = with_bundles(known)
     shutil.rmtree(folder)
-    assert rows(sent) == before
+    found = []
+    Scheduler(work_queues(work, 1), RayWorkerPool(sent), options, found.extend, observer).run()
+    assert sorted(map(outcome_row, found)) == before

@@ -12,12 +12,17 @@ from robogauntlet.orchestrator.replay.replay import differences
 from robogauntlet.orchestrator.replay.verify import sample_rows
 from robogauntlet.results.record import has_behaviour, outcome_row, rows_hash
 from robogauntlet.results.run_document import RunStatus, read_run, write_run
-from tests.orchestrator.cli.test_cli import SUITE
-from tests.orchestrator.runs.playing import rows_of
-from tests.processes import run_gauntlet
+from tests.orchestrator.runs.playing import play, rows_of
 from tests.results.store.earlier import as_version_1
 from tests.results.synthetic import cells, execute, row
 
+SUITE = """
+name: nulls
+policies: [oracle, random]
+tasks: [null/Reach]
+seeds: {count: 5}
+workers: 1
+"""
 CELL = cells()[0]
 ROWS = [row(CELL, seed, "error" if seed % 5 == 4 else "success") for seed in range(40)]
 
@@ -43,60 +48,59 @@ def test_seeds_draw_different_samples_and_every_row_is_drawn_by_some():
 
 
 @pytest.fixture(scope="module")
-def played(tmp_path_factory):
+def played(tmp_path_factory, ray_here):
     folder = tmp_path_factory.mktemp("verify")
-    suite = folder / "suite.yaml"
-    suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "5"))
-    assert run_gauntlet("run", suite, "--out", folder / "run", "--no-media").returncode == 0
+    (folder / "suite.yaml").write_text(SUITE)
+    assert play(folder / "suite.yaml", folder / "run").document.status is RunStatus.COMPLETE
     return folder / "run"
 
 
 @pytest.mark.ray
-def test_an_unchanged_run_passes(played):
-    done = run_gauntlet("verify", played, "--sample", 4)
-    assert done.returncode == 0, done.stderr
-    assert "10 rows, hash " in done.stdout
-    assert ", as in run.json" in done.stdout
-    assert done.stdout.count(": the same\n") == 4
-    assert done.stdout.endswith("4 of 10 episodes replayed: all the same\n")
+def test_an_unchanged_run_passes(played, run_command):
+    done = run_command("verify", played, "--sample", 4)
+    assert done.code == 0, done.err
+    assert "10 rows, hash " in done.out
+    assert ", as in run.json" in done.out
+    assert done.out.count(": the same\n") == 4
+    assert done.out.endswith("4 of 10 episodes replayed: all the same\n")
 
 
 @pytest.mark.ray
-def test_a_changed_row_is_found_by_the_hash_and_by_replay(played):
+def test_a_changed_row_is_found_by_the_hash_and_by_replay(played, run_command):
     with closing(sqlite3.connect(played / "episodes.sqlite")) as database, database:
         (wanted,) = database.execute("select episode_id from episodes where policy = 'oracle' and seed = 1").fetchone()
         (steps,) = database.execute("select steps from episodes where episode_id = ?", (wanted,)).fetchone()
         database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
     try:
-        done = run_gauntlet("verify", played, "--sample", 10)
-        without = run_gauntlet("verify", played, "--sample", 0)
+        done = run_command("verify", played, "--sample", 10)
+        without = run_command("verify", played, "--sample", 0)
     finally:
         execute(played / "episodes.sqlite", f"update episodes set steps = {steps} where episode_id = '{wanted}'")
-    assert (done.returncode, without.returncode) == (1, 1)
-    first, second = done.stderr.splitlines()
+    assert (done.code, without.code) == (1, 1)
+    first, second = done.err.splitlines()
     assert first.startswith("robogauntlet: expected the hash ")
     assert second == f"robogauntlet: {wanted} null/Reach, oracle, clean, seed 1: steps: stored 999, now {steps}"
-    assert without.stderr.splitlines() == [first]
+    assert without.err.splitlines() == [first]
 
 
 @pytest.mark.ray
-def test_a_run_that_version_1_began_is_continued_and_passes(played, tmp_path):
+def test_a_run_that_version_1_began_is_continued_and_passes(played, tmp_path, run_command):
     folder = shutil.copytree(played, tmp_path / "run")
     before = rows_of(folder)
     execute(folder / "episodes.sqlite", "DELETE FROM episodes WHERE seed > 2")
     as_version_1(folder / "episodes.sqlite")
     begun = read_run(folder).model_copy(update={"status": RunStatus.INTERRUPTED, "rows_hash": None})
     write_run(folder, begun)
-    again = run_gauntlet("run", played.parent / "suite.yaml", "--out", folder, "--no-media")
-    assert again.returncode == 0, again.stderr
-    assert "continuing: 6 of 10 episodes already done" in again.stdout + again.stderr
+    again = run_command("run", played.parent / "suite.yaml", "--out", folder, "--no-media")
+    assert again.code == 0, again.err
+    assert "continuing: 6 of 10 episodes already done" in again.out + again.err
     rows = rows_of(folder)
     assert [has_behaviour(one) for one in rows if one.seed <= 2] == [False] * 6
     assert [differences(one, other) for one, other in zip(rows, before, strict=True)] == [()] * 10
     assert read_run(folder).rows_hash == rows_hash(map(outcome_row, rows))
-    done = run_gauntlet("verify", folder, "--sample", 10)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.endswith("10 of 10 episodes replayed: all the same\n")
+    done = run_command("verify", folder, "--sample", 10)
+    assert done.code == 0, done.err
+    assert done.out.endswith("10 of 10 episodes replayed: all the same\n")
 
 
 def test_a_folder_that_is_no_run_is_one_line(run_command, tmp_path):

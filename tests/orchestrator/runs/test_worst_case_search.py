@@ -36,7 +36,7 @@ def play(folder, on_line=lambda line: None, **changes):
 
 
 @pytest.fixture(scope="module")
-def searched(tmp_path_factory, ray_here):
+def searched(tmp_path_factory, ray_here, room_for_one):
     """A search's folder, what it found, and its lines."""
     folder, lines = tmp_path_factory.mktemp("searched") / "search", []
     return folder, play(folder, lines.append), lines
@@ -96,27 +96,34 @@ def test_the_tables_have_a_column_per_task_and_a_line_per_disturbance(searched):
     assert confirmation.rows[0][-1] == "breaks"
 
 
+@pytest.fixture
+def begun(searched, tmp_path):
+    """The search as it was before its last two rounds."""
+    folder = shutil.copytree(searched[0], tmp_path / "again")
+    content = json.loads((folder / "search.json").read_text()) | {"status": "running"}
+    (folder / "search.json").write_text(json.dumps({name: content[name] for name in content if name != "found"}))
+    for later in sorted((folder / "null-Reach").iterdir())[-2:]:
+        shutil.rmtree(later)
+    return folder
+
+
 @pytest.mark.ray
-def test_an_interrupted_search_continues_and_finds_the_same(searched, tmp_path, monkeypatch):
-    folder, add, added = tmp_path / "again", Store.add, []
+def test_an_interrupted_search_continues_and_finds_the_same(searched, begun, monkeypatch):
+    def interrupt(self, rows):
+        raise KeyboardInterrupt
 
-    def add_a_few(self, rows):
-        added.extend(rows)
-        if len(added) > BUDGET // 3:
-            raise KeyboardInterrupt
-        return add(self, rows)
-
+    before = sorted((begun / "null-Reach").iterdir())
+    first = read_run(before[0]).run_id, (before[0] / "episodes.sqlite").stat().st_mtime_ns
     with monkeypatch.context() as patched:
-        patched.setattr(Store, "add", add_a_few)
+        patched.setattr(Store, "add", interrupt)
         with pytest.raises(KeyboardInterrupt):
-            play(folder)
-    assert json.loads((folder / "search.json").read_text())["status"] == "running"
-    rounds = sorted((folder / "null-Reach").iterdir())
+            play(begun)
+    assert json.loads((begun / "search.json").read_text())["status"] == "running"
+    rounds = sorted((begun / "null-Reach").iterdir())
+    assert len(rounds) == len(before) + 1
     assert read_run(rounds[-1]).status is RunStatus.INTERRUPTED
-    first = read_run(rounds[0]).run_id, (rounds[0] / "episodes.sqlite").stat().st_mtime_ns
-    found = play(folder)
-    assert (read_run(rounds[0]).run_id, (rounds[0] / "episodes.sqlite").stat().st_mtime_ns) == first
-    assert found == searched[1]
+    assert play(begun) == searched[1]
+    assert (read_run(before[0]).run_id, (before[0] / "episodes.sqlite").stat().st_mtime_ns) == first
 
 
 @pytest.mark.ray
@@ -134,7 +141,7 @@ def test_a_folder_with_another_search_is_refused(searched, name, value):
 
 
 @pytest.mark.ray
-@pytest.mark.usefixtures("ray_here")
+@pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_a_round_of_errors_alone_stops_the_search(tmp_path):
     with pytest.raises(SearchStopped, match="every episode of the round ended in an error"):
         play(tmp_path / "broken", policy=read_reference(f"python:{__name__}:Broken"), axes=("noise",))
