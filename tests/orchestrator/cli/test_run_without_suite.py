@@ -93,7 +93,7 @@ def test_a_suite_that_needs_a_policy_is_valid_and_is_planned_with_one(run_comman
 
 
 @pytest.mark.ray
-@pytest.mark.usefixtures("ray_here")
+@pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folder, own):
     line = ("run", "null/Reach", *own, "--seeds", "2", "--condition", "noise:2,4", "--out", "run", "--no-media")
     first = run_command(*line)
@@ -114,7 +114,7 @@ def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folde
 
 
 @pytest.mark.ray
-@pytest.mark.usefixtures("ray_here")
+@pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_tasks_in_which_the_policy_cannot_act_are_left_out_and_the_report_says_so(run_command, folder):
     (folder / "free.yaml").write_text(FREE.replace("[null/Reach]", '[null/Reach, "libero/goal-0-*"]'))
     line = ("run", "free.yaml", "--policy", "oracle", "--out", "run", "--no-media")
@@ -130,7 +130,7 @@ def test_tasks_in_which_the_policy_cannot_act_are_left_out_and_the_report_says_s
 
 
 @pytest.mark.ray
-@pytest.mark.usefixtures("ray_here")
+@pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_a_suite_with_another_policy_is_a_run_without_the_roles_of_its_own(run_command, folder, own):
     done = run_command("run", "s.yaml", *own, "--option", "files=[s.yaml]", *TASK, "--out", "run", "--no-media")
     assert done.code == 0, done.err

@@ -12,7 +12,7 @@ from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import file_url
 from tests import ROOT
 
-SUITE = "name: nulls\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 5}\n"
+SUITE = "name: nulls\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 5}\nworkers: 1\n"
 
 
 @pytest.fixture

@@ -19,6 +19,8 @@ from robogauntlet.results.store.run_history import History
 from tests.orchestrator.dashboard.filled import DAY, add_videos, nightly_run, record_verdict
 
 NOW = 1_790_000_000.0
+PLAIN = {"timeout": 30, "trust_env": False, "verify": False}
+"""Options of requests without certificates, which would be read for each: most of its processor time."""
 
 
 class Served:
@@ -29,10 +31,10 @@ class Served:
         self.requested = []
 
     def get(self, path, **options):
-        return httpx2.get(self.address + path, timeout=30, trust_env=False, **options)
+        return httpx2.get(self.address + path, **PLAIN, **options)
 
     def post(self, path, **options):
-        return httpx2.post(self.address + path, timeout=30, trust_env=False, **options)
+        return httpx2.post(self.address + path, **PLAIN, **options)
 
 
 @contextlib.contextmanager

@@ -149,6 +149,7 @@ def test_the_dashboard_answers_while_an_upload_is_read_for_ever(served, exported
         answered = 0
         while not upload.done():
             answered += served.get("/").status_code == 200
+            time.sleep(0.1)
     assert answered > 3
     assert upload.result().status_code == 400
     assert upload.result().text.endswith("reading it takes too long\n")

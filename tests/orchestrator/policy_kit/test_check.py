@@ -41,9 +41,9 @@ def check(tmp_path, request, monkeypatch):
     return run
 
 
-def checked(kind, options, task="null/Reach"):
+def checked(kind, options, task="null/Reach", image_size=None):
     source = PolicySource(kind, options, catalog.digest(kind, options))
-    results = list(check_policy(Probe(kind, source, task)))
+    results = list(check_policy(Probe(kind, source, task, image_size=image_size)))
     assert all("\n" not in result.text for result in results if isinstance(result, Finding))
     return results
 

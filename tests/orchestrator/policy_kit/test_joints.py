@@ -16,6 +16,8 @@ from tests.orchestrator.policy_kit.test_check import checked, found, only
 
 SPEC = ActionSpec(0.0, 0.0, 20.0, joints=(Joint("pan", -1.0, 1.0, 0.1), Joint("lift", -2.0, 2.0, 0.1)))
 START = np.array([0.2, -1.0])
+SMALL = 16
+"""Size of images (px), which take most of the time of a check in the simulation."""
 POLICY = """
 import numpy as np
 
@@ -115,7 +117,7 @@ def test_each_joint_is_told_by_what_it_moves_in_the_simulation(tmp_path, monkeyp
     text = POLICY.format(step="[0.1, 0, 0, 0, 0.1, 0]", scale=1.0)
     (tmp_path / "joints_right.py").write_text(text)
     options = {"callable": "joints_right:act", "folder": str(tmp_path)}
-    results = checked("python", options, "so101/PickPlace")
+    results = checked("python", options, "so101/PickPlace", image_size=SMALL)
     assert only(results, "targets").level is Level.OK
     assert "rad alone moves the tool right (-y)" in only(results, "shoulder_pan").text
     assert "and turns it +" in only(results, "wrist_roll").text
@@ -139,7 +141,7 @@ def test_targets_in_degrees_are_told_with_the_option_that_converts_them(tmp_path
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "joints_degrees.py").write_text(POLICY.format(step="[0.1, 0, 0, 0, 0, 0]", scale=57.3))
     options = {"callable": "joints_degrees:act", "folder": str(tmp_path)}
-    results = checked("python", options, "so101/PickPlace")
+    results = checked("python", options, "so101/PickPlace", image_size=SMALL)
     assert any("images black: the same actions" in finding.text for finding in found(results, "input"))
     assert "degrees (joint_scale: 0.01745)" in only(results, "targets").text
     assert only(results, "gripper").level is Level.WARNING
