@@ -18,24 +18,24 @@ from robogauntlet.adapters.contract import (
     UnknownTask,
 )
 from robogauntlet.suites.episode import View
-from robogauntlet.suites.plugins import BrokenPlugin, did_you_mean, load_plugins
+from robogauntlet.suites.plugins import BrokenPlugin, Plugins, did_you_mean
 
 GROUP = "robogauntlet.simulators"
 
 
 @cache
-def _load() -> tuple[Mapping[str, Simulator], tuple[BrokenPlugin, ...]]:
-    return load_plugins(GROUP, Simulator)
+def _load() -> Plugins[Simulator]:
+    return Plugins(GROUP, Simulator)
 
 
 def simulators() -> Mapping[str, Simulator]:
     """Return every declared simulator by name, installed or not."""
-    return _load()[0]
+    return _load()
 
 
 def broken_plugins() -> tuple[BrokenPlugin, ...]:
     """Return the entry points that cannot be used."""
-    return _load()[1]
+    return _load().broken
 
 
 class _TaskDescriptions(Mapping[str, TaskDescription]):

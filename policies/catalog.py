@@ -7,24 +7,24 @@ from functools import cache
 from typing import Any
 
 from robogauntlet.policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
-from robogauntlet.suites.plugins import BrokenPlugin, did_you_mean, load_plugins
+from robogauntlet.suites.plugins import BrokenPlugin, Plugins, did_you_mean
 
 GROUP = "robogauntlet.policies"
 
 
 @cache
-def _load() -> tuple[Mapping[str, PolicyKind], tuple[BrokenPlugin, ...]]:
-    return load_plugins(GROUP, PolicyKind)
+def _load() -> Plugins[PolicyKind]:
+    return Plugins(GROUP, PolicyKind)
 
 
 def kinds() -> Mapping[str, PolicyKind]:
     """Return every policy kind by name."""
-    return _load()[0]
+    return _load()
 
 
 def broken_plugins() -> tuple[BrokenPlugin, ...]:
     """Return the entry points that declare no usable policy."""
-    return _load()[1]
+    return _load().broken
 
 
 def find(kind: str) -> PolicyKind:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import metadata
 from itertools import accumulate
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 LISTED, LONGEST_LIST = 12, 250
 """Maximum number of known names in a message, and of their characters."""
@@ -29,29 +29,67 @@ class BrokenPlugin:
     reason: str
 
 
-def load_plugins(group: str, kind: type[Plugin]) -> tuple[Mapping[str, Plugin], tuple[BrokenPlugin, ...]]:
-    """Return the plug-ins of a group of entry points by name, and the broken entry points.
+class Plugins(Mapping[str, Plugin]):
+    """The plug-ins of a group of entry points by name, without those that cannot be used.
 
-    Each entry point must hold a `kind` whose `name` is the entry point's.
+    Each entry point must hold a `kind` whose `name` is the entry point's. Looking a name up imports that plug-in alone,
+    so that a worker does not wait for the imports of all others; iterating imports all.
     """
-    plugins: dict[str, Plugin] = {}
-    broken: list[BrokenPlugin] = []
-    for entry in sorted(metadata.entry_points(group=group), key=lambda e: e.name):
-        reason = ""
-        try:
-            plugin = entry.load()
-        except Exception as error:  # A plug-in may fail in any way, and must not affect the others.
-            reason = f"{entry.value} cannot be loaded: {type(error).__name__}: {error}"
-        else:
-            if not isinstance(plugin, kind):
-                reason = f"{entry.value} is a {type(plugin).__name__}, expected a {kind.__name__}"
-            elif plugin.name != entry.name:
-                reason = f"{entry.value} is named '{plugin.name}', its entry point '{entry.name}'"
-        if reason:
-            broken.append(BrokenPlugin(entry.name, reason))
-        else:
-            plugins[entry.name] = plugin
-    return plugins, tuple(broken)
+
+    def __init__(self, group: str, kind: type[Plugin]) -> None:
+        self._kind = kind
+        self._entries: dict[str, list[metadata.EntryPoint]] = {}
+        for entry in sorted(metadata.entry_points(group=group), key=lambda e: e.name):
+            self._entries.setdefault(entry.name, []).append(entry)
+        self._loaded: dict[str, tuple[Plugin | None, tuple[BrokenPlugin, ...]]] = {}
+        """Name to its plug-in, if one of its entry points holds one, and to those that do not."""
+
+    def __getitem__(self, name: str) -> Plugin:
+        plugin = self._load(name)[0] if name in self._entries else None
+        if plugin is None:
+            raise KeyError(name)
+        return plugin
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name in self._entries if self._load(name)[0] is not None)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    @property
+    def broken(self) -> tuple[BrokenPlugin, ...]:
+        """The broken entry points."""
+        return tuple(broken for name in self._entries for broken in self._load(name)[1])
+
+    def _load(self, name: str) -> tuple[Plugin | None, tuple[BrokenPlugin, ...]]:
+        if name not in self._loaded:
+            found, broken = None, []
+            for entry in self._entries[name]:
+                try:
+                    plugin = entry.load()
+                except Exception as error:  # A plug-in may fail in any way, and must not affect the others.
+                    reason = f"{entry.value} cannot be loaded: {type(error).__name__}: {error}"
+                else:
+                    reason = self._why_unusable(entry, plugin)
+                if reason:
+                    broken.append(BrokenPlugin(name, reason))
+                else:
+                    found = plugin
+            self._loaded[name] = found, tuple(broken)
+        return self._loaded[name]
+
+    def _why_unusable(self, entry: metadata.EntryPoint, plugin: Any) -> str:
+        if not isinstance(plugin, self._kind):
+            return f"{entry.value} is a {type(plugin).__name__}, expected a {self._kind.__name__}"
+        if plugin.name != entry.name:
+            return f"{entry.value} is named '{plugin.name}', its entry point '{entry.name}'"
+        return ""
+
+
+def load_plugins(group: str, kind: type[Plugin]) -> tuple[Mapping[str, Plugin], tuple[BrokenPlugin, ...]]:
+    """Import all plug-ins of a group, and return them by name, and the broken entry points; see `Plugins`."""
+    plugins = Plugins(group, kind)
+    return dict(plugins), plugins.broken
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

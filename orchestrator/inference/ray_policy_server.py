@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import ray
@@ -22,9 +22,11 @@ from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Decision, Policy, PolicyInput, PolicySpec, Query
 from robogauntlet.suites.episode import Cell, Episode
-from robogauntlet.suites.resources import Inference
 from robogauntlet.support.errors import last_line
 from robogauntlet.support.secret_variables import SECRETS
+
+if TYPE_CHECKING:
+    from robogauntlet.suites.resources import Inference
 
 TIMES = 5
 """Queries over which a time is averaged."""

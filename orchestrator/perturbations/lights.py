@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.photometry import channel_gains, stops, temperature_gains, temperature_of
@@ -89,6 +88,8 @@ class LightDirection(PerturbedLight):
     """Light from another direction: the first of many draws that is high enough; measured by the angle (deg)."""
 
     def _changed(self, own: Light) -> Light:
+        from scipy.spatial.transform import Rotation  # takes 0.3 s, in every worker
+
         for _ in range(DRAWS):
             sideways = unit(np.cross(own.direction, self.generator.standard_normal(3)))
             turned = Rotation.from_rotvec(math.radians(self.level) * sideways).apply(own.direction)

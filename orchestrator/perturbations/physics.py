@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition, is_of_second_arm
 from robogauntlet.adapters.scene_control import DynamicsFactors, PlacementRegion, Unreachable, unit
@@ -87,6 +86,8 @@ class RobotStart(Perturbed):
             UnsupportedCondition: This simulation's arm cannot be moved.
             NotDelivered: It can reach none of the poses.
         """
+        from scipy.spatial.transform import Rotation  # takes 0.3 s, in every worker
+
         super().reset(seed)
         arm = self._required(self.scene_controls.arm, "the arm start elsewhere")
         before = self.simulation.privileged_state()

@@ -8,11 +8,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robogauntlet.adapters.contract import Simulator
-from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.support.secret_variables import without_secrets
+
+if TYPE_CHECKING:
+    from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 
 RAY_PORT = 6379
 """Default port of a cluster's head."""

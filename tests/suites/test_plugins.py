@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from robogauntlet.suites.plugins import did_you_mean, load_plugins
+from robogauntlet.suites.plugins import Plugins, did_you_mean, load_plugins
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,17 @@ def test_a_broken_plugin_affects_no_other(declared):
     assert "cannot be loaded: AttributeError" in reasons["missing"]
     assert reasons["wrong"].endswith("NO_THING is a int, expected a Thing")
     assert reasons["renamed"].endswith("is named 'other', its entry point 'renamed'")
+
+
+def test_a_plugin_that_is_looked_up_is_loaded_alone(monkeypatch):
+    loaded = []
+    monkeypatch.setattr(EntryPoint, "load", lambda entry: loaded.append(entry.name) or Thing(entry.name))
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [EntryPoint(n, "m:v", group) for n in "cab"])
+    things = Plugins("things", Thing)
+    assert ("b" in things, "d" in things, things["b"]) == (True, False, Thing("b"))
+    assert loaded == ["b"]
+    assert (list(things), things.broken) == (["a", "b", "c"], ())
+    assert sorted(loaded) == ["a", "b", "c"]
 
 
 @pytest.mark.parametrize(
