@@ -130,11 +130,12 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
 
 
 @pytest.mark.slow
-def test_the_action_installs_into_a_new_python(runner):
+def test_the_action_installs_into_a_new_python(runner, environment):
     (runner.folder / "suite.yaml").write_text("name: two\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
-    code, output, _ = runner.run_step("play", suite="suite.yaml")
+    code, output, _ = runner.run_script("command -v robogauntlet && robogauntlet validate suite.yaml")
     assert code == 0, output
-    assert (runner.folder / "runs" / "now" / "report.html").is_file()
+    assert output.startswith(f"{environment / 'bin' / 'robogauntlet'}\n")
+    assert "suite.yaml: valid, 2 episodes" in output
 
 
 @pytest.mark.slow
