@@ -9,7 +9,7 @@ SOURCES = {
     "orchestrator/cli/doctor.py": {"append"},
     "orchestrator/environments/probe.py": {"Finding"},
     "src/robogauntlet/support/child_process.py": {"_how_it_ended"},
-    "suites/plugins.py": {"reason"},
+    "suites/plugins.py": {"reason", "_why_unusable"},
     "policies/oracles/plugins.py": {"problem", "_problem"},
     "orchestrator/environments/check.py": {"EnvironmentCheck", "_problems", "_other_python"},
     **{path.relative_to(ROOT).as_posix(): {"SimulatorUnavailable"} for path in (ROOT / "adapters").rglob("*.py")},
