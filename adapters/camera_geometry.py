@@ -34,7 +34,7 @@ def orbit(viewpoint: Viewpoint, centre: FloatArray, azimuth: float, elevation: f
 
     The rotation is about the vertical, anticlockwise seen from above, and then upwards (rad).
     """
-    from scipy.spatial.transform import Rotation  # takes 0.3 s, in every worker
+    from scipy.spatial.transform import Rotation  # slow, and not every worker needs it
 
     turned = Rotation.from_rotvec(azimuth * UP).apply(viewpoint.position - centre)
     sideways = np.cross(UP, turned)
@@ -54,7 +54,7 @@ def widen(viewpoint: Viewpoint, angle: float) -> Viewpoint:
 
 def bump(viewpoint: Viewpoint, offset: FloatArray, turn: FloatArray) -> Viewpoint:
     """Move a viewpoint by an offset (3,) and rotate it by a rotation vector (3,), both in the carrier's frame."""
-    from scipy.spatial.transform import Rotation  # takes 0.3 s, in every worker
+    from scipy.spatial.transform import Rotation  # slow, and not every worker needs it
 
     rotation = Rotation.from_rotvec(turn).as_matrix() @ viewpoint.rotation
     return replace(viewpoint, position=viewpoint.position + offset, rotation=rotation)
@@ -68,6 +68,6 @@ def azimuth_between(centre: FloatArray, one: Viewpoint, other: Viewpoint) -> flo
 
 def rotation_between(one: Viewpoint, other: Viewpoint) -> float:
     """Return the angle of the rotation between two viewpoints, from 0 to pi."""
-    from scipy.spatial.transform import Rotation  # takes 0.3 s, in every worker
+    from scipy.spatial.transform import Rotation  # slow, and not every worker needs it
 
     return float(Rotation.from_matrix(one.rotation.T @ other.rotation).magnitude())

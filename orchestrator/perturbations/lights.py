@@ -88,7 +88,7 @@ class LightDirection(PerturbedLight):
     """Light from another direction: the first of many draws that is high enough; measured by the angle (deg)."""
 
     def _changed(self, own: Light) -> Light:
-        from scipy.spatial.transform import Rotation  # takes 0.3 s, in every worker
+        from scipy.spatial.transform import Rotation  # slow, and not every worker needs it
 
         for _ in range(DRAWS):
             sideways = unit(np.cross(own.direction, self.generator.standard_normal(3)))

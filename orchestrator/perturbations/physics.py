@@ -86,7 +86,7 @@ class RobotStart(Perturbed):
             UnsupportedCondition: This simulation's arm cannot be moved.
             NotDelivered: It can reach none of the poses.
         """
-        from scipy.spatial.transform import Rotation  # takes 0.3 s, in every worker
+        from scipy.spatial.transform import Rotation  # slow, and not every worker needs it
 
         super().reset(seed)
         arm = self._required(self.scene_controls.arm, "the arm start elsewhere")

@@ -1,4 +1,4 @@
-"""The garbage collector rests while a process starts, and works afterwards."""
+"""The garbage collector is paused while a process starts, and collects afterwards."""
 
 import gc
 import weakref

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 def collector_paused() -> Iterator[None]:
     """Pause the garbage collector, and let it ignore what is there at the end.
 
-    Imports of a simulator and of a network make almost a million objects that stay as long as the process: to look for
-    garbage among them again and again takes a sixth of the imports' time. For processes that only this package uses.
+    Imports of a simulator and of a network make hundreds of thousands of objects that stay as long as the process, and
+    among which the collector looks for garbage again and again. For processes that only this package uses.
     """
     if not gc.isenabled():
         yield
