@@ -86,12 +86,6 @@ class Plugins(Mapping[str, Plugin]):
         return ""
 
 
-def load_plugins(group: str, kind: type[Plugin]) -> tuple[Mapping[str, Plugin], tuple[BrokenPlugin, ...]]:
-    """Import all plug-ins of a group, and return them by name, and the broken entry points; see `Plugins`."""
-    plugins = Plugins(group, kind)
-    return dict(plugins), plugins.broken
-
-
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: `; did you mean 'X'?`, or the known names."""
     known = sorted(known)

@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from robogauntlet.suites.plugins import Plugins, did_you_mean, load_plugins
+from robogauntlet.suites.plugins import Plugins, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ def declared(monkeypatch):
     def declare(**entries):
         points = [EntryPoint(name, f"{__name__}:{value}", "things") for name, value in entries.items()]
         monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points)
-        return load_plugins("things", Thing)
+        return Plugins("things", Thing)
 
     return declare
 
 
 def test_a_broken_plugin_affects_no_other(declared):
-    things, broken = declared(good="GOOD", missing="NOT_THERE", wrong="NO_THING", renamed="MISNAMED")
-    assert things == {"good": GOOD}
-    reasons = {plugin.name: plugin.reason for plugin in broken}
+    things = declared(good="GOOD", missing="NOT_THERE", wrong="NO_THING", renamed="MISNAMED")
+    assert dict(things) == {"good": GOOD}
+    reasons = {plugin.name: plugin.reason for plugin in things.broken}
     assert set(reasons) == {"missing", "wrong", "renamed"}
     assert "cannot be loaded: AttributeError" in reasons["missing"]
     assert reasons["wrong"].endswith("NO_THING is a int, expected a Thing")
