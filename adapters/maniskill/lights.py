@@ -12,8 +12,6 @@ from robogauntlet.adapters.frames import wxyz_to_xyzw
 from robogauntlet.adapters.photometry import gain_of, pixel_factor
 from robogauntlet.adapters.scene_control import Light, unit
 
-USUAL = 153.0
-"""Usual pixel value of these scenes."""
 POWER = 2.2
 """A pixel value is SAPIEN's light to the power of 1 / POWER."""
 SHINES = np.array([1.0, 0.0, 0.0])
@@ -26,9 +24,9 @@ class ManiSkillLights:
     The key light is the first of two equally bright lamps, which shines at an angle; the other shines straight down.
     """
 
-    def __init__(self, env: Any, base_from_world: Any) -> None:
-        """Take ManiSkill's environment, and SAPIEN's pose of the world in the base frame."""
-        self._env = env
+    def __init__(self, env: Any, base_from_world: Any, usual: float) -> None:
+        """Take ManiSkill's environment, SAPIEN's pose of the world in the base frame, and a usual pixel value."""
+        self._env, self._usual = env, usual
         self._base_from_world = Rotation.from_quat(wxyz_to_xyzw(base_from_world.q))
         self._ambient = self._system.ambient_light
         self._own = [(lamp.color, lamp.pose) for lamp in self._system.lights]
@@ -48,7 +46,7 @@ class ManiSkillLights:
         lamp = self._key_lamp
         shines = Rotation.from_quat(wxyz_to_xyzw(lamp.pose.q)).apply(SHINES)
         factor = np.asarray(lamp.color, np.float64) / self._own[self._key][0]
-        return Light(gain_of(factor ** (1 / POWER), USUAL), unit(-self._base_from_world.apply(shines)))
+        return Light(gain_of(factor ** (1 / POWER), self._usual), unit(-self._base_from_world.apply(shines)))
 
     def set_light(self, light: Light) -> None:
         """Set the light, until the next reset. The original light is restored exactly."""
@@ -59,7 +57,7 @@ class ManiSkillLights:
             self.undo()  # A pose computed from the direction would differ in the last bits.
             return
         self._changed = True
-        self._shine(pixel_factor(light.gain, USUAL) ** POWER)
+        self._shine(pixel_factor(light.gain, self._usual) ** POWER)
         shines = -self._base_from_world.inv().apply(unit(light.direction))
         lamp = self._key_lamp
         lamp.pose = sapien.Pose(lamp.pose.p, sapien.math.shortest_rotation(SHINES, shines))

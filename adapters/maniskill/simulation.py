@@ -80,7 +80,7 @@ class ManiSkillSimulation(BaseSimulation):
         base_from_world, alone = self._arms[0].base_from_world, len(self._arms) == 1
         self.scene_controls = SceneControls(
             cameras=ManiSkillCameras(env, base_from_world),
-            lights=ManiSkillLights(env, base_from_world),
+            lights=ManiSkillLights(env, base_from_world, layout.brightness),
             objects=ManiSkillObjects(self._objects, layout.regions, base_from_world) if layout.regions else None,
             arm=ManiSkillArm(env, base_from_world) if alone else None,
             dynamics=ManiSkillDynamics(self._objects.values()),
@@ -223,7 +223,7 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
             render_backend=_render_backend(sapien),
             sensor_configs={SENSORS["third_person"]: third_person | size, wrist: size},
             human_render_camera_configs=third_person
-            | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal"},
+            | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal", "mount": None},
         )
     except RuntimeError as error:
         raise SimulatorUnavailable(f"SAPIEN cannot render here ({error}): {_VULKAN_FIX}") from error

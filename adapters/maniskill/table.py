@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray, Image
+from robogauntlet.adapters.frames import wxyz_to_xyzw
 from robogauntlet.adapters.photometry import linear
 from robogauntlet.adapters.scene_control import Form, Prop
 
@@ -51,7 +52,9 @@ class ManiSkillTable:
         self._uncover()
         table = self._env.scene.actors[TABLE]._objs[0].find_component_by_type(sapien.render.RenderBodyComponent)
         low, high = table.compute_global_aabb_tight()[:, :2]
-        self._sheet = self._drawn(_plane(low, high, texture), sapien.Pose([0.0, 0.0, ABOVE]), "paint")
+        turn = Rotation.from_quat(wxyz_to_xyzw(self._base_from_world.inv().q)).as_euler("zyx")[0]
+        plane = _plane(low, high, texture, quarters=round(turn / (np.pi / 2)))
+        self._sheet = self._drawn(plane, sapien.Pose([0.0, 0.0, ABOVE]), "paint")
 
     def _uncover(self) -> None:
         if self._sheet is not None:
@@ -94,12 +97,15 @@ def _shape(prop: Prop) -> Any:
     return cylinder
 
 
-def _plane(low: FloatArray, high: FloatArray, texture: Image) -> Any:
-    """Return a sheet between two corners (2,) with a texture stretched over it."""
+def _plane(low: FloatArray, high: FloatArray, texture: Image, *, quarters: int) -> Any:
+    """Return a sheet between two corners (2,) with a texture stretched over it.
+
+    The texture is upright to somebody who looks along x, or along x turned by some right angles about the vertical.
+    """
     import sapien
 
     corners = [[high[0], high[1], 0], [high[0], low[1], 0], [low[0], low[1], 0], [low[0], high[1], 0]]
-    uvs = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    uvs = np.roll([[0, 0], [1, 0], [1, 1], [0, 1]], -quarters, axis=0)
     material = _matt([1.0, 1.0, 1.0, 1.0])
     opaque = np.dstack([texture, np.full(texture.shape[:2], 255, np.uint8)])
     material.base_color_texture = sapien.render.RenderTexture2D(
@@ -109,7 +115,7 @@ def _plane(low: FloatArray, high: FloatArray, texture: Image) -> Any:
         np.array(corners, np.float32),
         np.array([[0, 2, 1], [0, 3, 2]], np.uint32),
         np.tile(np.array([0, 0, 1], np.float32), (4, 1)),
-        np.array(uvs, np.float32),
+        uvs.astype(np.float32),
         material,
     )
 

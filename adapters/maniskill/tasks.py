@@ -44,11 +44,29 @@ TASKS = {
         "pull the blue cube towards the robot with the tool",
         horizon=130,
     ),
+    "PlugCharger-v1": TaskDescription(
+        "plug the charger into the socket",
+        horizon=200,
+        goal=Goal("charger_position", "socket_position", tolerance=0.005, grasped=True),
+    ),
+    "RollBall-v1": TaskDescription(
+        "roll the blue ball onto the red and white target",
+        horizon=200,
+        goal=Goal("ball_position", "goal_position", axes="xy", tolerance=0.1),
+    ),
     "TwoRobotPickCube-v1@TwoPandas": TaskDescription(
         "hand the red cube to the other arm at the green ball",
         horizon=150,
         goal=Goal("cube_position", "goal_position", tolerance=0.025, grasped=True),
         fixed={"arm": "two arms start together", "objects": "only one arm reaches the cube"},
+        robot="TwoPandas",
+        arms=2,
+    ),
+    "TwoRobotStackCube-v1@TwoPandas": TaskDescription(
+        "put the green cube onto the red and white target with one arm and the blue cube on it with the other",
+        horizon=200,
+        goal=Goal("blue_cube_position", "green_cube_position", (0.0, 0.0, 0.04), tolerance=0.03, grasped=True),
+        fixed={"arm": "two arms start together", "objects": "each arm reaches one cube"},
         robot="TwoPandas",
         arms=2,
     ),
@@ -66,7 +84,8 @@ def _square(x: float, y: float) -> Region:
 class Layout:
     """Names and places in a task's scene.
 
-    World frame: the origin is on the table, 0.615 m in front of the base; between two arms, 0.75 m in front of each.
+    World frame: the origin is on the table, 0.615 m in front of the base; between two arms, 0.75 m in front of each; in
+    RollBall 1 m in front and 0.1 m to the left.
     """
 
     look_at: tuple[float, float, float]
@@ -81,6 +100,8 @@ class Layout:
     """ManiSkill's actor of the goal."""
     eye: tuple[float, float, float] = (0.5, 0.5, 0.5)
     """The third-person camera relative to its target (m)."""
+    brightness: float = 153.0
+    """Usual pixel value. Where the floor fills much of the image, it is lower."""
 
 
 _ABOVE = (0.0, 0.0, 0.05)
@@ -102,6 +123,24 @@ LAYOUTS = {
         {"cube": "cube", "peg": "peg"},
         {"cube": ((0.12, -0.1), (0.32, 0.1)), "peg": _square(0.1, 0.1)},
         goal="goal_region",
+    ),
+    "PlugCharger-v1": Layout(
+        (0.0, 0.0, 0.08),
+        {"charger": "charger"},
+        {"charger": ((-0.1, -0.2), (-0.026, 0.2))},
+        fixtures={"socket": "receptacle"},
+        eye=(0.35, 0.6, 0.5),
+    ),
+    "RollBall-v1": Layout(
+        (-0.1, 0.12, 0.0),
+        {"ball": "ball"},
+        {"ball": ((-0.4, 0.5), (0.2, 0.7))},
+        goal="goal_region",
+        eye=(1.9, -0.9, 2.0),
+        brightness=132.0,
+    ),
+    "TwoRobotStackCube-v1@TwoPandas": Layout(
+        (0.0, 0.0, 0.1), {"blue_cube": "cubeA", "green_cube": "cubeB"}, goal="goal_region", eye=(0.6, 0.6, 0.5)
     ),
     "TwoRobotPickCube-v1@TwoPandas": Layout(
         (0.0, 0.0, 0.1), eye=(0.6, 0.6, 0.5), objects={"cube": "cube"}, goal="goal_site"

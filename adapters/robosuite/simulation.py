@@ -136,6 +136,9 @@ class RobosuiteSimulation(MujocoSimulation):
         self._env.rng = generator
         for sampler in samplers(self._env.placement_initializer):
             sampler.rng = generator
+            for thing in sampler.mujoco_objects:
+                if hasattr(thing, "rng"):  # The hammer draws the side on which it lies.
+                    thing.rng = generator
         self._env.reset()
         self._physics.settle()
 
@@ -196,7 +199,8 @@ class RobosuiteSimulation(MujocoSimulation):
         0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad. PickPlace: `can_*` and so on, and `goal_*`
         (its place in the bin). NutAssembly: `nut_*` (the middle of the hole) and `peg_*`. Where there are several, each
         has its own: `can_goal_*`, `square_nut_*`, `square_peg_*` and so on. TwoArmLift: `pot_*`, `handle0_*` and
-        `handle1_*` (`handle0` is for the first arm), `second_base_*`.
+        `handle1_*` (`handle0` is for the first arm), `second_base_*`. TwoArmHandover: `hammer_*` (the middle of its
+        handle, whose z axis points at the head), `second_base_*`.
         """
         state = self.arm_state() | self._poses({name: p for name, p in self._places.items() if name != "tcp"})
         return state | {name: joint.qpos.copy() for name, joint in self._angles.items()}

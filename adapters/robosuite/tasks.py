@@ -64,6 +64,13 @@ TASKS[name_with("TwoArmLift", TWO_PANDAS)] = TaskDescription(
     robot=TWO_PANDAS,
     arms=2,
 )
+TASKS[name_with("TwoArmHandover", TWO_PANDAS)] = TaskDescription(
+    "hand the hammer to the other arm",
+    horizon=400,
+    fixed={"arm": "two arms start together", "objects": "one arm reaches the hammer"},
+    robot=TWO_PANDAS,
+    arms=2,
+)
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,7 @@ PARTS = {
         marks={"second_base": "robot1_base"},
         sites={"handle0": "pot_handle0", "handle1": "pot_handle1"},
     ),
+    "TwoArmHandover": Parts(bodies={"hammer": "hammer_root"}, marks={"second_base": "robot1_base"}),
     "PickPlace": Parts(
         bodies={name.lower(): f"{name}_main" for name in GOODS},
         marks={f"{name.lower()}_goal": f"Visual{name}_main" for name in GOODS},

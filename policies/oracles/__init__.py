@@ -84,7 +84,7 @@ def _load(options: Mapping[str, Any]) -> Policy:
 
 def _digest(options: Mapping[str, Any]) -> str:
     modules = [module for source in _sources() for module in source.modules()]
-    return scripted_digest("oracle", sys.modules[__name__], motion, *dict.fromkeys(modules))(options)
+    return scripted_digest("oracle", *dict.fromkeys([sys.modules[__name__], motion, *modules]))(options)
 
 
 def digest_of_task(task: str) -> str:
@@ -94,7 +94,7 @@ def digest_of_task(task: str) -> str:
     """
     for source in _sources():
         if task in source.scripts:
-            return source_digest(motion, *source.modules())
+            return source_digest(*dict.fromkeys([motion, *source.modules()]))
     raise PolicyError(f"the oracle has no script for '{task}'")
 
 

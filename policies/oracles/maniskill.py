@@ -8,18 +8,26 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance, move, pointing_down, yaw_of
+from robogauntlet.policies.oracles.maniskill_motion import (
+    CUBE,
+    REST_YAW,
+    STEP,
+    XY,
+    go,
+    go_turned,
+    grasp,
+    grasp_turned,
+    grasp_yaw,
+    holds,
+    hover,
+    leaning,
+    let_go,
+    line_yaw,
+    to_goal,
+    tool_yaw,
+)
+from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance
 
-STEP = 0.03
-"""Longest translation in one control step (m)."""
-TURN = 0.039
-"""Largest rotation in one control step (rad), the controller's limit."""
-GAIN = 0.6
-REST_YAW = np.pi / 2
-"""The gripper's rotation about the vertical in ManiSkill's rest pose (rad)."""
-CUBE = 0.04
-"""Edge of every cube (m)."""
-XY = slice(0, 2)
 FAR = np.ones(3)
 """Where the nearest other cube is, if there is none (m)."""
 
@@ -40,14 +48,14 @@ class Push:
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
         cube, tcp = state["cube_position"], state["tcp_position"]
-        direction, remaining = _to_goal(state)
+        direction, remaining = to_goal(state)
         lean = float(np.clip(3.0 * (tcp[0] - 0.6), 0.0, 0.45))
         along = float((tcp - cube) @ direction)
         lateral = float(np.linalg.norm((tcp - cube - along * direction)[XY]))
         if tcp[2] < CUBE and lateral < self.slack and -1.6 * self.standoff < along < 0:
             target = cube + direction * (min(remaining, STEP) - CUBE / 2)
-            return _move(state, target, gripper=CLOSED, max_step=self.max_step, lean=lean)
-        return _hover(state, cube - direction * self.standoff, clearance=0.08, gripper=CLOSED, lean=lean)
+            return go(state, target, gripper=CLOSED, max_step=self.max_step, lean=lean)
+        return hover(state, cube - direction * self.standoff, clearance=0.08, gripper=CLOSED, lean=lean)
 
 
 class Pull:
@@ -62,10 +70,10 @@ class Pull:
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
         cube = state["cube_position"]
-        direction, remaining = _to_goal(state)
+        direction, remaining = to_goal(state)
         if distance(state, cube, axes=XY) < 0.035 and state["tcp_position"][2] < CUBE:
-            return _move(state, cube + direction * (CUBE / 2 + min(remaining, 2 * STEP)), gripper=OPEN)
-        return _hover(state, cube + direction * self.lead, clearance=0.06, gripper=OPEN)
+            return go(state, cube + direction * (CUBE / 2 + min(remaining, 2 * STEP)), gripper=OPEN)
+        return hover(state, cube + direction * self.lead, clearance=0.06, gripper=OPEN)
 
 
 class Stack:
@@ -76,11 +84,11 @@ class Stack:
         tcp, red, green = state["tcp_position"], state["red_cube_position"], state["green_cube_position"]
         to_place = green - red + np.array([0.0, 0.0, CUBE])
         if np.linalg.norm(to_place[XY]) < 0.015 and abs(to_place[2]) < 0.003:
-            return _let_go(state)
-        if _holds(state, red):
-            yaw = _yaw(Rotation.from_quat(state["tcp_quaternion"]))
-            return _hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED, yaw=yaw)
-        return _grasp(state, red, _grasp_yaw(state["red_cube_quaternion"], green - red))
+            return let_go(state)
+        if holds(state, red):
+            yaw = tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+            return hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED, yaw=yaw)
+        return grasp(state, red, grasp_yaw(state["red_cube_quaternion"], green - red))
 
 
 class Pick:
@@ -88,10 +96,10 @@ class Pick:
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        cube, yaw = state["cube_position"], _yaw(Rotation.from_quat(state["tcp_quaternion"]))
-        if _holds(state, cube):
-            return _move(state, state["tcp_position"] + state["goal_position"] - cube, gripper=CLOSED, yaw=yaw)
-        return _grasp(state, cube, _grasp_yaw(state["cube_quaternion"], FAR))
+        cube, yaw = state["cube_position"], tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+        if holds(state, cube):
+            return go(state, state["tcp_position"] + state["goal_position"] - cube, gripper=CLOSED, yaw=yaw)
+        return grasp(state, cube, grasp_yaw(state["cube_quaternion"], FAR))
 
 
 class Place:
@@ -105,10 +113,10 @@ class Place:
         sphere, tcp = state["sphere_position"], state["tcp_position"]
         to_place = state["bin_position"] - sphere + np.array([0.0, 0.0, self.height + 0.003])
         if np.linalg.norm(to_place[XY]) < 0.004 and abs(to_place[2]) < 0.005:
-            return _let_go(state)
-        if _holds(state, sphere, slack=0.015):  # Above or below its centre it is less wide.
-            return _hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED)
-        return _grasp(state, sphere, REST_YAW)
+            return let_go(state)
+        if holds(state, sphere, slack=0.015):  # Above or below its centre it is less wide.
+            return hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED)
+        return grasp(state, sphere, REST_YAW)
 
 
 class Pyramid:
@@ -121,26 +129,26 @@ class Pyramid:
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        tcp, yaw = state["tcp_position"], _yaw(Rotation.from_quat(state["tcp_quaternion"]))
+        tcp, yaw = state["tcp_position"], tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
         red, green, blue = (state[f"{colour}_cube_position"] for colour in ("red", "green", "blue"))
         apart = (red - green) * [1.0, 1.0, 0.0]
         gap = float(np.linalg.norm(apart))
-        if gap > self.beside + self.slack or _holds(state, red):
+        if gap > self.beside + self.slack or holds(state, red):
             to_place = green + self.beside / gap * apart - red
             if np.linalg.norm(to_place[XY]) < self.slack and abs(to_place[2]) < 0.008:
-                return _let_go(state)
-            if not _holds(state, red):
-                return _grasp(state, red, _grasp_yaw(state["red_cube_quaternion"], -self.beside / gap * apart))
+                return let_go(state)
+            if not holds(state, red):
+                return grasp(state, red, grasp_yaw(state["red_cube_quaternion"], -self.beside / gap * apart))
             # Turned so that no finger comes between the two.
             turn = (np.arctan2(apart[1], apart[0]) - yaw + np.pi / 2) % np.pi - np.pi / 2
             place = tcp + to_place
-            return _hover(state, place, clearance=0.07, gripper=CLOSED, yaw=yaw + turn, to_turn=abs(turn))
+            return hover(state, place, clearance=0.07, gripper=CLOSED, yaw=yaw + turn, to_turn=abs(turn))
         to_place = (red + green) / 2 + np.array([0.0, 0.0, CUBE]) - blue
         if np.linalg.norm(to_place[XY]) < self.slack and abs(to_place[2]) < 0.008:
-            return _let_go(state)
-        if _holds(state, blue):
-            return _hover(state, tcp + to_place, clearance=0.07, gripper=CLOSED, yaw=yaw)
-        return _grasp(state, blue, _grasp_yaw(state["blue_cube_quaternion"], red - blue))
+            return let_go(state)
+        if holds(state, blue):
+            return hover(state, tcp + to_place, clearance=0.07, gripper=CLOSED, yaw=yaw)
+        return grasp(state, blue, grasp_yaw(state["blue_cube_quaternion"], red - blue))
 
 
 class Upright:
@@ -167,20 +175,20 @@ class Upright:
         axis = axis if axis[0] + axis[2] > 0 else -axis
         tilt = float(np.arcsin(np.clip(axis[2], 0.0, 1.0)))
         held = peg + float(np.clip((tcp - peg) @ axis, -0.02, 0.1)) * axis
-        if not _holds(state, held, width=self.width):
+        if not holds(state, held, width=self.width):
             end = peg + float(np.clip(self.place - peg[0], -0.01, 0.08)) * axis
-            return _grasp(state, end, _line_yaw(axis), lean=self.leans[0])
+            return grasp(state, end, line_yaw(axis), lean=self.leans[0])
         height = self.half_length * np.sin(tilt)
         if tilt > self.turned:
             below = height + 0.022 * np.cos(tilt) - peg[2]
             pull = -0.02 if below > -0.006 and tilt < np.pi / 2 - 0.02 else 0.0
             target = tcp + np.array([pull, 0.0, below])
-            return _move(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[1], max_step=0.012)
+            return go(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[1], max_step=0.012)
         target = tcp + np.array([0.0, 0.0, height + 0.07 - peg[2]])
         lifted = tilt > 0.3 or peg[2] > 0.065
         if lifted:
             target[0] = self.place
-        return _move(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[lifted])
+        return go(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[lifted])
 
 
 class Poke:
@@ -199,19 +207,19 @@ class Poke:
         """Return the next action (7,)."""
         cube, goal, tcp = state["cube_position"], state["goal_position"], state["tcp_position"]
         turned = Rotation.from_quat(state["peg_quaternion"])
-        along = _line_yaw(turned.apply([1.0, 0.0, 0.0]))
+        along = line_yaw(turned.apply([1.0, 0.0, 0.0]))
         end = state["peg_position"] + turned.apply(self.grip)
         head = state["peg_position"] + turned.apply([self.half_length, 0.0, 0.0])
-        if not _holds(state, end, width=self.width):
-            return _grasp(state, end, along)
+        if not holds(state, end, width=self.width):
+            return grasp(state, end, along)
         aside = float((cube - head)[1])
         if np.linalg.norm((goal - cube)[XY]) < 0.04:
-            return _move(state, tcp, gripper=CLOSED, yaw=0.0)
+            return go(state, tcp, gripper=CLOSED, yaw=0.0)
         beside = abs(aside) > 0.01
         if beside and head[0] > cube[0] - self.behind:
-            return _move(state, tcp - np.array([STEP, 0.0, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
+            return go(state, tcp - np.array([STEP, 0.0, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
         ahead = 0.0 if beside else STEP
-        return _move(state, tcp + np.array([ahead, aside, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
+        return go(state, tcp + np.array([ahead, aside, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
 
 
 class Hook:
@@ -228,106 +236,111 @@ class Hook:
         """Return the next action (7,)."""
         cube, tcp = state["cube_position"], state["tcp_position"]
         turned = Rotation.from_quat(state["tool_quaternion"])
-        along = _line_yaw(turned.apply([1.0, 0.0, 0.0]))
+        along = line_yaw(turned.apply([1.0, 0.0, 0.0]))
         end = state["tool_position"] + turned.apply(self.grip)
         hook = state["tool_position"] + turned.apply(self.inside)
-        if not _holds(state, end, width=self.width):
-            return _grasp(state, end, along)
+        if not holds(state, end, width=self.width):
+            return grasp(state, end, along)
         beyond, aside = hook - cube - [CUBE / 2, 0.0, 0.0], float((cube - hook)[1])
         if hook[2] < 0.05 and abs(aside) < 0.04 and -0.02 < beyond[0] < 0.08:
-            return _move(state, tcp + np.array([-STEP, aside, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
+            return go(state, tcp + np.array([-STEP, aside, 0.0]), gripper=CLOSED, yaw=0.0, max_step=0.02)
         place = tcp + np.array([0.03 - beyond[0], aside, 0.03 - hook[2]])
-        return _hover(state, place, clearance=0.12, gripper=CLOSED, yaw=0.0, lean=0.5)
+        return hover(state, place, clearance=0.12, gripper=CLOSED, yaw=0.0, lean=0.5)
 
 
-def _holds(state: State, place: FloatArray, *, width: float = CUBE, slack: float = 0.004) -> bool:
-    """Return whether the fingers hold something so wide, within `slack` (m), at a place."""
-    return distance(state, place) < 0.025 and abs(float(state["finger_positions"].sum()) - width) < slack
+class Plug:
+    """Grasps the charger with the hand leaning away from the socket, aligns it before the socket and pushes it in."""
+
+    width, grip = 0.03, np.array([-0.02, 0.0, 0.0])
+    """Width of the charger, and where the fingers hold it in its own frame (m)."""
+    lean = 0.26
+    """Lean of the hand (rad)."""
+    before = 0.05
+    """Distance from its place in the socket at which it is aligned (m)."""
+    prongs = 0.018
+    """Distance at which its prongs are not yet in the socket (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        tcp, tool = state["tcp_position"], Rotation.from_quat(state["tcp_quaternion"])
+        charger, turned = state["charger_position"], Rotation.from_quat(state["charger_quaternion"])
+        held = charger + turned.apply(self.grip)
+        if not holds(state, held, width=self.width):
+            yaw = line_yaw(turned.apply([1.0, 0.0, 0.0]))
+            return grasp_turned(state, held, Rotation.from_euler("z", yaw) * leaning(0.0, self.lean))
+        wanted = Rotation.from_quat(state["socket_quaternion"]) * Rotation.from_euler("z", np.pi)
+        into, turn = wanted.apply([1.0, 0.0, 0.0]), wanted * turned.inv()
+        offset = state["socket_position"] - charger
+        remaining = float(offset @ into)
+        aside = offset - remaining * into
+        missed, to_turn = float(np.linalg.norm(aside)), float(turn.magnitude())
+        lever = charger - tcp  # The hand turns about the tool, and the charger with it.
+        target = tcp + lever - turn.apply(lever)
+        if remaining < self.before + 0.01 and missed < 0.01 and to_turn < 0.1:
+            forward = 0.008 if missed < 0.002 else -0.02
+            if remaining > self.prongs:
+                forward = 0.008 * max(0.0, 1.0 - missed / 0.0008 - to_turn / 0.02)
+            target += aside + forward * into
+        else:
+            # Farther away until it is turned: a corner of the hand could hit the socket.
+            target += offset - (self.before + min(0.06, 0.3 * max(0.0, to_turn - 0.05))) * into
+            if np.linalg.norm(target - tcp) > 0.06 and tcp[2] < 0.1:
+                target[2] = max(target[2], tcp[2] + 0.02)
+        return go_turned(state, target, turn * tool, gripper=CLOSED)
 
 
-def _grasp(state: State, place: FloatArray, yaw: float, *, lean: float = 0.0) -> FloatArray:
-    """Return one action (7,) of a grasp: open, approach the place from above, close."""
-    to_turn = float((_leaning(yaw, lean) * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude())
-    if distance(state, place) < 0.013 and to_turn < 0.1:
-        return _move(state, place, gripper=CLOSED, yaw=yaw, lean=lean)
-    return _hover(state, place, clearance=0.07, gripper=OPEN, yaw=yaw, lean=lean, to_turn=to_turn)
+class Roll:
+    """Pushes the ball with two fingertips towards the goal, ever faster, and lets it roll on from the arm's end.
 
-
-def _let_go(state: State) -> FloatArray:
-    """Return one action (7,) that opens the fingers, and then withdraws them upwards."""
-    yaw = _yaw(Rotation.from_quat(state["tcp_quaternion"]))
-    retreat = [0.0, 0.0, STEP if float(state["finger_positions"].sum()) > CUBE + 0.02 else 0.0]
-    return _move(state, state["tcp_position"] + retreat, gripper=OPEN, yaw=yaw)
-
-
-def _to_goal(state: State) -> tuple[FloatArray, float]:
-    """Return the horizontal direction (3,) from cube to goal, and the distance (m)."""
-    offset = (state["goal_position"] - state["cube_position"]) * [1.0, 1.0, 0.0]
-    remaining = float(np.linalg.norm(offset))
-    return offset / max(remaining, 1e-6), remaining
-
-
-def _move(
-    state: State,
-    target: FloatArray,
-    *,
-    gripper: float,
-    yaw: float = REST_YAW,
-    lean: float = 0.0,
-    max_step: float = STEP,
-) -> FloatArray:
-    """Return one action (7,) towards `target`, pointing down except for `lean` (rad), fingers ahead of the hand."""
-    rotation = _leaning(yaw, lean)
-    return move(state, target, gripper=gripper, max_step=max_step, gain=GAIN, rotation=rotation, max_turn=TURN)
-
-
-def _leaning(yaw: float, lean: float) -> Rotation:
-    """Return the orientation of a gripper that points down except for `lean` (rad), fingers ahead of the hand."""
-    return Rotation.from_euler("y", -lean) * pointing_down(yaw)
-
-
-def _hover(
-    state: State,
-    target: FloatArray,
-    *,
-    clearance: float,
-    gripper: float,
-    yaw: float = REST_YAW,
-    lean: float = 0.0,
-    to_turn: float = 0.0,
-) -> FloatArray:
-    """Return one action (7,) in a funnel above `target`: the farther or less turned, the higher; up before across."""
-    offset = target - state["tcp_position"]
-    lateral = float(np.linalg.norm(offset[XY])) + 0.1 * max(0.0, to_turn - 0.05)
-    offset[2] += min(clearance, 4.0 * max(0.0, lateral - 0.01))
-    offset[XY] *= np.clip(1.5 - offset[2] / 0.03, 0.0, 1.0)
-    return _move(state, state["tcp_position"] + offset, gripper=gripper, yaw=yaw, lean=lean)
-
-
-def _yaw(gripper: Rotation) -> float:
-    """Return the yaw (rad) for which `pointing_down` is closest to the gripper's orientation."""
-    return yaw_of((gripper * pointing_down(0.0).inv()).as_quat())
-
-
-def _line_yaw(axis: FloatArray) -> float:
-    """Return the gripper's yaw (rad) to grasp something long across its horizontal axis, the one nearest to zero."""
-    yaw = float(np.arctan2(axis[1], axis[0]))
-    return (yaw + np.pi / 2) % np.pi - np.pi / 2
-
-
-def _grasp_yaw(quaternion: FloatArray, neighbour: FloatArray) -> float:
-    """Return the gripper's yaw (rad) to grasp a cube across two faces.
-
-    Of the two within a right angle of the rest pose, it is the nearer one, unless the fingers would hit another cube,
-    whose centre is at `neighbour` relative to this one's (m).
+    A ball near the robot, behind which the hand has no room, is first carried forward.
     """
-    near = REST_YAW + (yaw_of(quaternion) - REST_YAW + np.pi / 4) % (np.pi / 2) - np.pi / 4
-    far = near - np.copysign(np.pi / 2, near - REST_YAW)
-    if np.linalg.norm(neighbour[XY]) > 0.11:
-        return float(near)
-    # The fingers open along the gripper's y axis, at a right angle to its yaw.
-    away = np.arctan2(neighbour[1], neighbour[0])
-    return float(min((near, far), key=lambda yaw: abs(np.sin(yaw - away))))
+
+    radius, width = 0.035, 0.064
+    """The ball's radius, and the distance between the fingers that hold it (m)."""
+    near, end = 0.36, 0.66
+    """Distances from the base at which there is room behind the ball, and at which the push ends (m)."""
+    behind = 0.065
+    """Distance of the gripper from the ball's centre before the push (m)."""
+    speeds = 0.01, 0.016
+    """Translation in one control step at the begin of the push, and at most (m)."""
+    gap = -0.2
+    """Command of the gripper at which the ball lies between the fingertips and not between the fingers."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        ball, tcp, tool = state["ball_position"], state["tcp_position"], Rotation.from_quat(state["tcp_quaternion"])
+        held = holds(state, ball, width=self.width, slack=0.006)
+        if held or ball[0] < self.near or distance(state, ball) < self.radius:
+            return self._bring(state, held=held)
+        direction, _ = to_goal(state, "ball")
+        yaw = line_yaw(direction)
+        to_turn = float((leaning(yaw, 0.0) * tool.inv()).magnitude())
+        along = float((tcp - ball) @ direction)
+        aside = (tcp - ball - along * direction) * [1.0, 1.0, 0.0]
+        slack = 0.015 if along > -0.058 else 0.003
+        behind = -1.3 * self.behind < along < 0.0 and np.linalg.norm(aside) < slack
+        if behind and abs(tcp[2] - self.radius) < 0.012 and to_turn < 0.1 and tcp[0] < self.end:
+            speed = float(np.clip(self.speeds[0] + 0.1 * (tcp[0] - self.near), *self.speeds))
+            # The arm follows a motion across its own less than one along it.
+            target = tcp + direction * [0.2, 0.22, 0.0] - aside
+            target[2] = self.radius
+            return go(state, target, gripper=self.gap, yaw=yaw, max_step=speed)
+        if ball[0] > self.end - 0.06:
+            return go(state, tcp, gripper=self.gap, yaw=yaw)
+        place = ball - direction * self.behind
+        return hover(state, place, clearance=0.12, gripper=self.gap, yaw=yaw, to_turn=to_turn)
+
+    def _bring(self, state: State, *, held: bool) -> FloatArray:
+        """Carry the ball to where there is room behind it, and let it go there."""
+        ball, tcp = state["ball_position"], state["tcp_position"]
+        if ball[0] >= self.near and ball[2] < self.radius + 0.004:
+            rise = STEP if float(state["finger_positions"].sum()) > 0.075 else 0.0
+            yaw = tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+            return go(state, tcp + np.array([0.0, 0.0, rise]), gripper=OPEN, yaw=yaw)
+        if not held:
+            return grasp(state, ball, 0.0)
+        place = np.array([self.near + 0.04, np.clip(ball[1], -0.2, 0.2), self.radius])
+        return hover(state, tcp + place - ball, clearance=0.03, gripper=CLOSED, yaw=0.0)
 
 
 SCRIPTS: dict[str, Callable[[], Script]] = {
@@ -340,4 +353,6 @@ SCRIPTS: dict[str, Callable[[], Script]] = {
     "maniskill/LiftPegUpright-v1": Upright,
     "maniskill/PokeCube-v1": Poke,
     "maniskill/PullCubeTool-v1": Hook,
+    "maniskill/PlugCharger-v1": Plug,
+    "maniskill/RollBall-v1": Roll,
 }

@@ -51,8 +51,7 @@ class TwoArmLift:
 
     def _yaw(self, own: State, handle: str) -> float:
         """The nearest yaw at which the fingers close across the handle."""
-        now = yaw_of((Rotation.from_quat(own["tcp_quaternion"]) * Rotation.from_euler("x", np.pi)).as_quat())
-        yaw = yaw_of(own[f"{handle}_quaternion"])
+        now, yaw = hand_yaw(own), yaw_of(own[f"{handle}_quaternion"])
         possible = [y for k in range(-2, 3) if abs(y := yaw + k * np.pi) <= self.farthest_turn]
         return min(possible, key=lambda y: abs(y - now))
 
@@ -72,81 +71,201 @@ class TwoArmLift:
         return go(own, target, OPEN, rotation)
 
 
-class HandOver:
-    """The first arm puts the cube down between the arms and withdraws, the second takes it to the goal.
+class PassHammer:
+    """The first arm grasps the hammer by its handle, beside the head, and holds its end out to the second arm.
 
-    The place between them is at the limit of their reach: the farther out, the more a gripper leans forward.
+    The joint of its hand turns almost once around, so that any end can be held out.
     """
 
-    edge = 0.04
-    """Of the cube (m)."""
-    middle = np.array([0.75, 0.0, 0.02])
-    """Where the cube is handed over, in the frame of either base."""
-    reached = 0.73
-    """Distance from the first base beyond which the cube is the second arm's (m)."""
-    aside = np.array([0.52, 0.0, 0.25])
-    """Where an arm is out of the other's way, in the frame of its own base (m)."""
-    clear = 0.63
-    """Distance of the first tool from its base below which it is out of the way (m)."""
+    width = 0.036
+    """Of the handle (m)."""
+    grips = -0.045, 0.055
+    """Where the first and the second arm grasp it, from its middle towards its end (m)."""
+    meeting = np.array([0.76, 0.0, 0.12])
+    """Where the first arm holds it out, in the frame of its base (m)."""
+    aside = np.array([0.6, 0.0, 0.25])
+    """Where the second arm waits, in the frame of its own (m)."""
+    yaws = -2.0, 3.5
+    """Range of the first hand's rotation about the vertical (rad)."""
+    turn = 0.6
+    """Largest rotation that is asked for at once (rad): the shorter way may be closed to the joint."""
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (14,)."""
-        first, second = (seen_by(arm, state, ("cube", "goal")) for arm in ARM_PREFIXES)
-        cube = first["cube_position"]
-        if self._holds(second):
-            return np.concatenate([self._withdraw(first), self._to(second, second["goal_position"], CLOSED)])
-        if self._holds(first):
-            offset = self.middle - cube
-            arrived = bool(np.linalg.norm(offset[:2]) < 0.012 and abs(offset[2]) < 0.006)
-            return np.concatenate([self._put(first, arrived), self._to(second, self.aside, OPEN)])
-        if cube[0] < self.reached:
-            return np.concatenate([self._grasp(first), self._to(second, self.aside, OPEN)])
-        waits = first["tcp_position"][0] > self.clear
-        taking = self._to(second, self.aside, OPEN) if waits else self._grasp(second)
-        return np.concatenate([self._withdraw(first), taking])
+        first, second = arms = [seen_by(arm, state, ("hammer",)) for arm in ARM_PREFIXES]
+        ends = [-Rotation.from_quat(own["hammer_quaternion"]).apply(UP) for own in arms]
+        places = [own["hammer_position"] + grip * end for own, grip, end in zip(arms, self.grips, ends, strict=True)]
+        line = float(np.arctan2(ends[1][1], ends[1][0]) + np.pi / 2) % np.pi - np.pi / 2
+        if self._holds(second, places[1]):
+            let_go = float(first["finger_positions"].sum()) > self.width + 0.03
+            retreat, lift = (0.05 * UP, 0.02 * UP) if let_go else (0.0, 0.0)
+            leaving = self._to(first, first["tcp_position"] + retreat, OPEN, hand_yaw(first))
+            return np.concatenate([leaving, self._to(second, second["tcp_position"] + lift, CLOSED, line)])
+        waiting = self._to(second, self.aside, OPEN, 0.0)
+        now, end = (self._in_range(angle) for angle in (hand_yaw(first), float(np.arctan2(ends[0][1], ends[0][0]))))
+        if not self._holds(first, places[0]):
+            yaw = float(np.clip(end, *self.yaws))
+            return np.concatenate([self._grasp(first, places[0], self._towards(yaw, now), abs(yaw - now)), waiting])
+        yaw = float(np.clip(self._in_range(now - end), *self.yaws))
+        target, tool = self.meeting.copy(), first["tcp_position"]
+        if tool[2] < 0.05:  # Up before across.
+            target[:2] = tool[:2]
+        holding = self._to(first, target, CLOSED, self._towards(yaw, now))
+        if abs(end) > 0.1 or distance(first, self.meeting) > 0.015:
+            return np.concatenate([holding, waiting])
+        to_turn = abs((line - hand_yaw(second) + np.pi / 2) % np.pi - np.pi / 2)
+        return np.concatenate([holding, self._grasp(second, places[1], line, to_turn)])
 
-    def _holds(self, own: State) -> bool:
+    def _in_range(self, angle: float) -> float:
+        """Return an angle of the first hand (rad) without a jump within its range."""
+        middle = sum(self.yaws) / 2
+        return (angle - middle + np.pi) % (2 * np.pi) - np.pi + middle
+
+    def _towards(self, yaw: float, now: float) -> float:
+        return now + float(np.clip(yaw - now, -self.turn, self.turn))
+
+    def _holds(self, own: State, place: FloatArray) -> bool:
+        return distance(own, place) < 0.03 and abs(float(own["finger_positions"].sum()) - self.width) < 0.008
+
+    def _grasp(self, own: State, place: FloatArray, yaw: float, to_turn: float) -> FloatArray:
+        """Open, approach the place from above within a funnel, close."""
+        target, opening = place.copy(), float(own["finger_positions"].sum())
+        lateral, far = distance(own, place, axes=slice(0, 2)), distance(own, place)
+        if (far < 0.025 and 0.03 < opening < 0.07) or (far < 0.012 and to_turn < 0.2):
+            return self._to(own, place, CLOSED, yaw)
+        until_open = 0.08 if opening < 0.06 else 0.0
+        target[2] += min(0.08, max(0.0, 5.0 * (lateral - 0.01), 0.4 * (to_turn - 0.15), until_open))
+        return self._to(own, target, OPEN, yaw)
+
+    @staticmethod
+    def _to(own: State, target: FloatArray, gripper: float, yaw: float) -> FloatArray:
+        return go(own, target, gripper, leaning(own, yaw))
+
+
+class _Cubes:
+    """Two arms of ManiSkill with cubes between them."""
+
+    edge = 0.04
+    """Of a cube (m)."""
+    aside = np.array([0.52, 0.0, 0.25])
+    """Where an arm is out of the other's way, in the frame of its own base (m)."""
+    clear = 0.63
+    """Distance of a tool from its base below which it is out of the way (m)."""
+
+    def _holds(self, own: State, cube: str) -> bool:
         opening = float(own["finger_positions"].sum())
-        return distance(own, own["cube_position"]) < 0.025 and abs(opening - self.edge) < 0.006
+        return distance(own, own[f"{cube}_position"]) < 0.025 and abs(opening - self.edge) < 0.006
 
-    def _put(self, own: State, arrived: bool) -> FloatArray:
-        """Carry the cube to the middle, a little above the table, and let it go there."""
-        tool, offset = own["tcp_position"], self.middle - own["cube_position"]
-        if arrived:
+    def _put(self, own: State, cube: str, place: FloatArray) -> FloatArray:
+        """Carry the cube to a place, from a little above, and let it go there."""
+        tool, offset = own["tcp_position"], place - own[f"{cube}_position"]
+        if np.linalg.norm(offset[:2]) < 0.012 and abs(offset[2]) < 0.006:
             return self._to(own, tool, OPEN)
         offset[2] += min(0.04, 4.0 * max(0.0, float(np.linalg.norm(offset[:2])) - 0.01))
         return self._to(own, tool + offset, CLOSED)
 
-    def _withdraw(self, own: State) -> FloatArray:
+    def _withdraw(self, own: State, cube: str) -> FloatArray:
         """Open the fingers, rise, and move back."""
-        tool = own["tcp_position"]
-        if float(own["finger_positions"].sum()) < self.edge + 0.02 and distance(own, own["cube_position"]) < 0.05:
+        tool, place = own["tcp_position"], own[f"{cube}_position"]
+        if float(own["finger_positions"].sum()) < self.edge + 0.02 and distance(own, place) < 0.05:
             return self._to(own, tool, OPEN)
-        beside = distance(own, own["cube_position"], axes=slice(0, 2)) < 0.06
-        return self._to(own, np.array([*tool[:2], 0.2]) if beside and tool[2] < 0.12 else self.aside, OPEN)
+        beside = distance(own, place, axes=slice(0, 2)) < 0.06
+        rising = beside and tool[2] < place[2] + 0.1
+        return self._to(own, np.array([*tool[:2], place[2] + 0.18]) if rising else self.aside, OPEN)
 
-    def _grasp(self, own: State) -> FloatArray:
+    def _grasp(self, own: State, cube: str) -> FloatArray:
         """Open, approach the cube from above within a funnel, close."""
-        cube, tool = own["cube_position"], own["tcp_position"]
+        place, tool = own[f"{cube}_position"], own["tcp_position"]
         quarter = np.pi / 2
-        yaw = (yaw_of(own["cube_quaternion"]) + quarter / 2) % quarter - quarter / 2
-        turn = (self._leaning(own, yaw) * Rotation.from_quat(own["tcp_quaternion"]).inv()).magnitude()
-        if distance(own, cube) < 0.013 and turn < 0.12:
-            return self._to(own, cube, CLOSED, yaw)
-        offset = cube - tool
+        yaw = (yaw_of(own[f"{cube}_quaternion"]) + quarter / 2) % quarter - quarter / 2
+        turn = (leaning(own, yaw) * Rotation.from_quat(own["tcp_quaternion"]).inv()).magnitude()
+        if distance(own, place) < 0.013 and turn < 0.12:
+            return self._to(own, place, CLOSED, yaw)
+        offset = place - tool
         lateral = float(np.linalg.norm(offset[:2])) + 0.1 * max(0.0, turn - 0.1)
         offset[2] += min(0.07, 4.0 * max(0.0, lateral - 0.01))
         offset[:2] *= np.clip(1.5 - offset[2] / 0.03, 0.0, 1.0)  # Up before across.
         return self._to(own, tool + offset, OPEN, yaw)
 
     def _to(self, own: State, target: FloatArray, gripper: float, yaw: float = 0.0) -> FloatArray:
-        rotation = self._leaning(own, yaw)
+        rotation = leaning(own, yaw)
         return move(own, target, gripper=gripper, max_step=0.03, gain=0.6, rotation=rotation, max_turn=0.039)
 
-    @staticmethod
-    def _leaning(own: State, yaw: float) -> Rotation:
-        lean = float(np.clip(3.0 * (own["tcp_position"][0] - 0.6), 0.0, 0.45))
-        return Rotation.from_euler("y", -lean) * pointing_down(yaw)
+
+class HandOver(_Cubes):
+    """The first arm puts the cube down between the arms and withdraws, the second takes it to the goal."""
+
+    middle = np.array([0.75, 0.0, 0.02])
+    """Where the cube is handed over, in the frame of either base, at the limit of reach."""
+    reached = 0.73
+    """Distance from the first base beyond which the cube is the second arm's (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (14,)."""
+        first, second = (seen_by(arm, state, ("cube", "goal")) for arm in ARM_PREFIXES)
+        waiting = self._to(second, self.aside, OPEN)
+        if self._holds(second, "cube"):
+            return np.concatenate([self._withdraw(first, "cube"), self._to(second, second["goal_position"], CLOSED)])
+        if self._holds(first, "cube"):
+            return np.concatenate([self._put(first, "cube", self.middle), waiting])
+        if first["cube_position"][0] < self.reached:
+            return np.concatenate([self._grasp(first, "cube"), waiting])
+        waits = first["tcp_position"][0] > self.clear
+        return np.concatenate([self._withdraw(first, "cube"), waiting if waits else self._grasp(second, "cube")])
+
+
+class StackTogether(_Cubes):
+    """The first arm lifts the blue cube, the second puts the green one on the target, then blue goes onto green.
+
+    The target may be under the blue cube, and its near side is at the limit of the second arm's reach.
+    """
+
+    short = 0.04
+    """How far on its own side of the target's centre the second arm puts the cube (m)."""
+    on_target = 0.055
+    """Largest distance of the green cube from the target's centre (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (14,)."""
+        first, second = (seen_by(arm, state, ("blue_cube", "green_cube", "goal")) for arm in ARM_PREFIXES)
+        holds_blue, holds_green = self._holds(first, "blue_cube"), self._holds(second, "green_cube")
+        green = first["green_cube_position"]
+        missed = float(np.linalg.norm((green - first["goal_position"])[:2]))
+        placed = missed < self.on_target and green[2] < 0.025 and not holds_green
+        return np.concatenate(
+            [
+                self._first(first, holds_blue, placed and second["tcp_position"][0] < self.clear),
+                self._second(second, holds_blue and first["tcp_position"][2] > 0.15, holds_green, placed),
+            ]
+        )
+
+    def _first(self, own: State, holds: bool, may_stack: bool) -> FloatArray:
+        top = own["green_cube_position"] + [0.0, 0.0, self.edge]
+        offset = top - own["blue_cube_position"]
+        if np.linalg.norm(offset[:2]) < 0.012 and abs(offset[2]) < 0.004:
+            return self._withdraw(own, "blue_cube")
+        if not holds:
+            return self._grasp(own, "blue_cube")
+        return self._put(own, "blue_cube", top) if may_stack else self._to(own, self.aside, CLOSED)
+
+    def _second(self, own: State, clear: bool, holds: bool, placed: bool) -> FloatArray:
+        if placed:
+            return self._withdraw(own, "green_cube")
+        if not holds:
+            return self._grasp(own, "green_cube")
+        target = own["goal_position"] * [1.0, 1.0, 0.0] + [-self.short, 0.0, self.edge / 2]
+        return self._put(own, "green_cube", target) if clear else self._to(own, own["tcp_position"], CLOSED)
+
+
+def hand_yaw(own: State) -> float:
+    """Return the rotation of the downward gripper about the vertical (rad)."""
+    return yaw_of((Rotation.from_quat(own["tcp_quaternion"]) * Rotation.from_euler("x", np.pi)).as_quat())
+
+
+def leaning(own: State, yaw: float) -> Rotation:
+    """Return the orientation of a gripper that points down, but the farther out, the more it leans forward."""
+    lean = float(np.clip(3.0 * (own["tcp_position"][0] - 0.6), 0.0, 0.45))
+    return Rotation.from_euler("y", -lean) * pointing_down(yaw)
 
 
 def seen_by(arm: str, state: State, things: Sequence[str]) -> State:
@@ -172,5 +291,7 @@ def go(state: State, target: FloatArray, gripper: float, rotation: Rotation) -> 
 
 SCRIPTS: Mapping[str, Callable[[], Script]] = {
     "robosuite/TwoArmLift@TwoPandas": TwoArmLift,
+    "robosuite/TwoArmHandover@TwoPandas": PassHammer,
     "maniskill/TwoRobotPickCube-v1@TwoPandas": HandOver,
+    "maniskill/TwoRobotStackCube-v1@TwoPandas": StackTogether,
 }

@@ -225,3 +225,15 @@ def test_the_table_of_reflections_that_sapien_would_compute_changes_no_pixel(pus
     for name, image in with_table.observe().images.items():
         np.testing.assert_array_equal(image, push.observe().images[name])
     with_table.close()
+
+
+@pytest.mark.simulator
+def test_the_table_is_painted_upright_for_a_robot_that_faces_another_way():
+    simulation = SIMULATOR.open("RollBall-v1", View(image_size=48))
+    simulation.reset(0)
+    far_red_near_green = np.zeros((64, 64, 3), np.uint8)
+    far_red_near_green[:32, :, 0] = far_red_near_green[32:, :, 1] = 255
+    simulation.scene_controls.table.paint_table(far_red_near_green)
+    red, green, _ = simulation.observe().images["wrist"].mean(axis=(0, 1))
+    simulation.close()
+    assert green > 3.0 * red

@@ -1,4 +1,4 @@
-"""Two arms in one task of robosuite: the numbers of both, and an oracle that lifts with both."""
+"""Two arms in one task of robosuite: the numbers of both, and oracles that lift with both, and hand over."""
 
 from contextlib import closing
 
@@ -17,6 +17,7 @@ from tests.errors import one_line_error
 from tests.policies.playing import steps_to_success
 
 TASK = "TwoArmLift@TwoPandas"
+HANDOVER = "TwoArmHandover@TwoPandas"
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,17 @@ def test_each_arm_moves_forward_from_its_own_base_towards_the_other(opened):
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_the_oracle_lifts_the_pot_with_both_arms(noise):
     assert None not in steps_to_success(SIMULATOR, TASK, range(3), noise=noise)
+
+
+@pytest.mark.simulator
+def test_the_oracle_hands_the_hammer_over_and_a_seed_decides_how_it_lies():
+    with closing(SIMULATOR.open(HANDOVER, View(image_size=48))) as simulation:
+        starts = []
+        for seed in (0, 1, 2, 3, 0, 1, 2, 3):
+            simulation.reset(seed)
+            starts.append(simulation.state_hash())
+    assert starts[:4] == starts[4:]
+    assert None not in steps_to_success(SIMULATOR, HANDOVER, [0])
 
 
 @pytest.mark.simulator

@@ -73,20 +73,26 @@ def test_a_tasks_digest_covers_the_script_of_its_own_simulator_only(declared):
     assert len(set(second)) == 3
 
 
-def test_a_tasks_digest_covers_the_module_that_defines_its_script(monkeypatch):
-    before = oracles.digest_of_task("gymnasium/FetchReach-v4")
+@pytest.mark.parametrize(
+    ("task", "other"),
+    [("gymnasium/FetchReach-v4", "pybullet"), ("maniskill/PushCube-v1", "maniskill_motion")],
+    ids=["the-module-that-defines-its-script", "a-module-from-which-its-script-imports"],
+)
+def test_a_tasks_digest_covers(monkeypatch, task, other):
+    before = oracles.digest_of_task(task)
     original = oracles.source_digest
 
-    def without_pybullet(*modules):
-        return original(*(module for module in modules if not module.__name__.endswith("pybullet")))
+    def without(*modules):
+        return original(*(module for module in modules if not module.__name__.endswith(f".{other}")))
 
-    monkeypatch.setattr(oracles, "source_digest", without_pybullet)
-    assert oracles.digest_of_task("gymnasium/FetchReach-v4") != before
+    monkeypatch.setattr(oracles, "source_digest", without)
+    assert oracles.digest_of_task(task) != before
 
 
 def test_no_digest_covers_pythons_own_library():
     written = {module.__name__ for source in oracles._sources() for module in source.modules()}
-    assert written == {f"robogauntlet.policies.oracles.{name}" for name in oracles._SCRIPT_MODULES}
+    own = (*oracles._SCRIPT_MODULES, "motion", "maniskill_motion")
+    assert written == {f"robogauntlet.policies.oracles.{name}" for name in own}
 
 
 def test_a_task_without_a_script_has_no_digest():
