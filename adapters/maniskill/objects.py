@@ -14,7 +14,7 @@ from robogauntlet.adapters.scene_control import PlacementRegion
 
 
 class ManiSkillObjects:
-    """`Objects` of `scene_control`. The cubes can be moved, a goal region cannot."""
+    """`Objects` of `scene_control`. Goals and fixtures stay where they are."""
 
     def __init__(self, objects: Mapping[str, Any], regions: Mapping[str, Region], base_from_world: Any) -> None:
         """Take SAPIEN's entities by name, where resets put them, and the pose of the world in the base frame."""

@@ -1,4 +1,4 @@
-"""ManiSkill 3 (SAPIEN, PhysX on the CPU): one Panda with a wrist camera, table-top tasks.
+"""ManiSkill 3 (SAPIEN, PhysX on the CPU): one Panda with a wrist camera or two, table-top tasks.
 
 What differs from ManiSkill's own defaults, and why:
 
@@ -80,7 +80,7 @@ class ManiSkillSimulation(BaseSimulation):
         base_from_world, alone = self._arms[0].base_from_world, len(self._arms) == 1
         self.scene_controls = SceneControls(
             cameras=ManiSkillCameras(env, base_from_world),
-            lights=ManiSkillLights(env, base_from_world, layout.brightness),
+            lights=ManiSkillLights(env, base_from_world, layout.usual_pixel),
             objects=ManiSkillObjects(self._objects, layout.regions, base_from_world) if layout.regions else None,
             arm=ManiSkillArm(env, base_from_world) if alone else None,
             dynamics=ManiSkillDynamics(self._objects.values()),
@@ -222,6 +222,7 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
             sim_backend="physx_cpu",
             render_backend=_render_backend(sapien),
             sensor_configs={SENSORS["third_person"]: third_person | size, wrist: size},
+            # Mounted on nothing: PlugCharger's own camera moves with the socket.
             human_render_camera_configs=third_person
             | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal", "mount": None},
         )

@@ -100,7 +100,7 @@ def _shape(prop: Prop) -> Any:
 def _plane(low: FloatArray, high: FloatArray, texture: Image, *, quarters: int) -> Any:
     """Return a sheet between two corners (2,) with a texture stretched over it.
 
-    The texture is upright to somebody who looks along x, or along x turned by some right angles about the vertical.
+    It is upright for a robot that faces along x, turned counter-clockwise by `quarters` right angles.
     """
     import sapien
 

@@ -100,8 +100,8 @@ class Layout:
     """ManiSkill's actor of the goal."""
     eye: tuple[float, float, float] = (0.5, 0.5, 0.5)
     """The third-person camera relative to its target (m)."""
-    brightness: float = 153.0
-    """Usual pixel value. Where the floor fills much of the image, it is lower."""
+    usual_pixel: float = 153.0
+    """Usual value of a pixel, for which changes of light are exact: lower where the floor fills much of the image."""
 
 
 _ABOVE = (0.0, 0.0, 0.05)
@@ -137,13 +137,13 @@ LAYOUTS = {
         {"ball": ((-0.4, 0.5), (0.2, 0.7))},
         goal="goal_region",
         eye=(1.9, -0.9, 2.0),
-        brightness=132.0,
-    ),
-    "TwoRobotStackCube-v1@TwoPandas": Layout(
-        (0.0, 0.0, 0.1), {"blue_cube": "cubeA", "green_cube": "cubeB"}, goal="goal_region", eye=(0.6, 0.6, 0.5)
+        usual_pixel=132.0,
     ),
     "TwoRobotPickCube-v1@TwoPandas": Layout(
         (0.0, 0.0, 0.1), eye=(0.6, 0.6, 0.5), objects={"cube": "cube"}, goal="goal_site"
+    ),
+    "TwoRobotStackCube-v1@TwoPandas": Layout(
+        (0.0, 0.0, 0.1), {"blue_cube": "cubeA", "green_cube": "cubeB"}, goal="goal_region", eye=(0.6, 0.6, 0.5)
     ),
     "PullCubeTool-v1": Layout(
         (0.05, -0.05, 0.05),

@@ -9,8 +9,8 @@ Particular to this adapter:
   Other arms are slower to follow (0.21 to 0.25): their share is measured when a task is opened.
 - On the IIWA and the XArm7, robosuite ties the controller's frame to the first link; here it is the base, as on others.
 - The gripper uses only the sign of its command: it moves by a fixed amount, and does not move at exactly 0.
-- The size of Lift's cube is drawn once while the model is built, always from `BUILD_SEED`; robosuite's `hard_reset`
-  would draw it in each episode, at a second or more per reset.
+- The sizes of Lift's cube and TwoArmHandover's hammer are drawn once while the model is built, always from
+  `BUILD_SEED`; robosuite's `hard_reset` would draw them in each episode, at a second or more per reset.
 - Control steps of one arm are run by `mujoco_parts.control`, equal to robosuite's own to the bit, those of two arms by
   robosuite.
 - `fast` omits shadows, reflections and multisampling, and takes a third to a quarter of the time. `fast-2` also
@@ -137,7 +137,7 @@ class RobosuiteSimulation(MujocoSimulation):
         for sampler in samplers(self._env.placement_initializer):
             sampler.rng = generator
             for thing in sampler.mujoco_objects:
-                if hasattr(thing, "rng"):  # The hammer draws the side on which it lies.
+                if hasattr(thing, "rng"):  # The hammer draws the side on which it lies from that of its construction.
                     thing.rng = generator
         self._env.reset()
         self._physics.settle()

@@ -67,7 +67,11 @@ TASKS[name_with("TwoArmLift", TWO_PANDAS)] = TaskDescription(
 TASKS[name_with("TwoArmHandover", TWO_PANDAS)] = TaskDescription(
     "hand the hammer to the other arm",
     horizon=400,
-    fixed={"arm": "two arms start together", "objects": "one arm reaches the hammer"},
+    fixed={
+        "arm": "two arms start together",
+        "objects": "only one arm reaches the hammer",
+        "table": "its table is beside the middle of the image",
+    },
     robot=TWO_PANDAS,
     arms=2,
 )

@@ -16,17 +16,18 @@ from robogauntlet.policies.oracles.plugins import OraclePlugin, load_oracles
 from robogauntlet.suites.episode import Episode
 from robogauntlet.suites.plugins import BrokenPlugin
 
-_SCRIPT_MODULES = (
-    "null",
-    "maniskill",
-    "pybullet",
-    "robosuite",
-    "metaworld",
-    "gymnasium",
-    "libero",
-    "two_arms",
-    "so101",
-)
+_SCRIPT_MODULES: Mapping[str, tuple[str, ...]] = {
+    "null": (),
+    "maniskill": ("maniskill_motion",),
+    "pybullet": (),
+    "robosuite": (),
+    "metaworld": (),
+    "gymnasium": (),
+    "libero": (),
+    "two_arms": ("maniskill_motion", "robosuite"),
+    "so101": (),
+}
+"""Modules of scripts to the modules beside them, except `motion`, from which they import."""
 
 
 @cache
@@ -38,14 +39,17 @@ def scripts() -> Mapping[str, Callable[[], Script]]:
 def _sources() -> list[OraclePlugin]:
     """Return plug-ins first, then the built-in scripts, which plug-ins cannot replace."""
     plugins = [plugin for name, plugin in load_oracles()[0].items() if name not in _SCRIPT_MODULES]
-    built_in = [(name, import_module(f"{__name__}.{name}")) for name in _SCRIPT_MODULES]
-    return plugins + [OraclePlugin(name, module.SCRIPTS, module.__name__) for name, module in built_in]
+    for name, shared in _SCRIPT_MODULES.items():
+        module = import_module(f"{__name__}.{name}")
+        beside = tuple(f"{__name__}.{other}" for other in shared)
+        plugins.append(OraclePlugin(name, module.SCRIPTS, module.__name__, beside))
+    return plugins
 
 
 def broken_plugins() -> tuple[BrokenPlugin, ...]:
     """Return the entry points that declare no usable scripts."""
     plugins, broken = load_oracles()
-    built_in = sorted(plugins.keys() & set(_SCRIPT_MODULES))
+    built_in = sorted(plugins.keys() & _SCRIPT_MODULES.keys())
     return *broken, *(BrokenPlugin(name, f"'{name}' has built-in oracles, which stay in use") for name in built_in)
 
 
@@ -84,7 +88,7 @@ def _load(options: Mapping[str, Any]) -> Policy:
 
 def _digest(options: Mapping[str, Any]) -> str:
     modules = [module for source in _sources() for module in source.modules()]
-    return scripted_digest("oracle", *dict.fromkeys([sys.modules[__name__], motion, *modules]))(options)
+    return scripted_digest("oracle", sys.modules[__name__], motion, *dict.fromkeys(modules))(options)
 
 
 def digest_of_task(task: str) -> str:
@@ -94,7 +98,7 @@ def digest_of_task(task: str) -> str:
     """
     for source in _sources():
         if task in source.scripts:
-            return source_digest(*dict.fromkeys([motion, *source.modules()]))
+            return source_digest(motion, *source.modules())
     raise PolicyError(f"the oracle has no script for '{task}'")
 
 

@@ -20,6 +20,7 @@ from robogauntlet.policies.oracles.maniskill_motion import (
     grasp_yaw,
     holds,
     hover,
+    lean_at,
     leaning,
     let_go,
     line_yaw,
@@ -49,7 +50,7 @@ class Push:
         """Return the next action (7,)."""
         cube, tcp = state["cube_position"], state["tcp_position"]
         direction, remaining = to_goal(state)
-        lean = float(np.clip(3.0 * (tcp[0] - 0.6), 0.0, 0.45))
+        lean = lean_at(state)
         along = float((tcp - cube) @ direction)
         lateral = float(np.linalg.norm((tcp - cube - along * direction)[XY]))
         if tcp[2] < CUBE and lateral < self.slack and -1.6 * self.standoff < along < 0:
@@ -86,7 +87,7 @@ class Stack:
         if np.linalg.norm(to_place[XY]) < 0.015 and abs(to_place[2]) < 0.003:
             return let_go(state)
         if holds(state, red):
-            yaw = tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+            yaw = tool_yaw(state)
             return hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED, yaw=yaw)
         return grasp(state, red, grasp_yaw(state["red_cube_quaternion"], green - red))
 
@@ -96,7 +97,7 @@ class Pick:
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        cube, yaw = state["cube_position"], tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+        cube, yaw = state["cube_position"], tool_yaw(state)
         if holds(state, cube):
             return go(state, state["tcp_position"] + state["goal_position"] - cube, gripper=CLOSED, yaw=yaw)
         return grasp(state, cube, grasp_yaw(state["cube_quaternion"], FAR))
@@ -129,7 +130,7 @@ class Pyramid:
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        tcp, yaw = state["tcp_position"], tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+        tcp, yaw = state["tcp_position"], tool_yaw(state)
         red, green, blue = (state[f"{colour}_cube_position"] for colour in ("red", "green", "blue"))
         apart = (red - green) * [1.0, 1.0, 0.0]
         gap = float(np.linalg.norm(apart))
@@ -258,7 +259,7 @@ class Plug:
     before = 0.05
     """Distance from its place in the socket at which it is aligned (m)."""
     prongs = 0.018
-    """Distance at which its prongs are not yet in the socket (m)."""
+    """Distance from its place in the socket beyond which its prongs are still outside (m)."""
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
@@ -277,14 +278,15 @@ class Plug:
         lever = charger - tcp  # The hand turns about the tool, and the charger with it.
         target = tcp + lever - turn.apply(lever)
         if remaining < self.before + 0.01 and missed < 0.01 and to_turn < 0.1:
-            forward = 0.008 if missed < 0.002 else -0.02
-            if remaining > self.prongs:
+            if remaining > self.prongs:  # The better it is aligned, the faster: the socket leaves 0.5 mm.
                 forward = 0.008 * max(0.0, 1.0 - missed / 0.0008 - to_turn / 0.02)
+            else:
+                forward = 0.008 if missed < 0.002 else -0.02
             target += aside + forward * into
         else:
             # Farther away until it is turned: a corner of the hand could hit the socket.
             target += offset - (self.before + min(0.06, 0.3 * max(0.0, to_turn - 0.05))) * into
-            if np.linalg.norm(target - tcp) > 0.06 and tcp[2] < 0.1:
+            if np.linalg.norm(target - tcp) > 0.06 and tcp[2] < 0.1:  # Up before across.
                 target[2] = max(target[2], tcp[2] + 0.02)
         return go_turned(state, target, turn * tool, gripper=CLOSED)
 
@@ -292,19 +294,20 @@ class Plug:
 class Roll:
     """Pushes the ball with two fingertips towards the goal, ever faster, and lets it roll on from the arm's end.
 
-    A ball near the robot, behind which the hand has no room, is first carried forward.
+    A ball near the robot, behind which the hand has no room, is first carried forward. One that has rolled out of reach
+    cannot be pushed again.
     """
 
     radius, width = 0.035, 0.064
     """The ball's radius, and the distance between the fingers that hold it (m)."""
     near, end = 0.36, 0.66
-    """Distances from the base at which there is room behind the ball, and at which the push ends (m)."""
+    """Distances ahead of the base from which on there is room behind the ball, and at which the push ends (m)."""
     behind = 0.065
     """Distance of the gripper from the ball's centre before the push (m)."""
     speeds = 0.01, 0.016
-    """Translation in one control step at the begin of the push, and at most (m)."""
+    """Translation in one control step at the beginning of the push, and at most (m)."""
     gap = -0.2
-    """Command of the gripper at which the ball lies between the fingertips and not between the fingers."""
+    """Gripper command (-1 open, 1 closed) at which the ball is too wide for the gap and touches both fingertips."""
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
@@ -317,7 +320,7 @@ class Roll:
         to_turn = float((leaning(yaw, 0.0) * tool.inv()).magnitude())
         along = float((tcp - ball) @ direction)
         aside = (tcp - ball - along * direction) * [1.0, 1.0, 0.0]
-        slack = 0.015 if along > -0.058 else 0.003
+        slack = 0.015 if along > -0.058 else 0.003  # Exact before the push, which then keeps to the line.
         behind = -1.3 * self.behind < along < 0.0 and np.linalg.norm(aside) < slack
         if behind and abs(tcp[2] - self.radius) < 0.012 and to_turn < 0.1 and tcp[0] < self.end:
             speed = float(np.clip(self.speeds[0] + 0.1 * (tcp[0] - self.near), *self.speeds))
@@ -335,7 +338,7 @@ class Roll:
         ball, tcp = state["ball_position"], state["tcp_position"]
         if ball[0] >= self.near and ball[2] < self.radius + 0.004:
             rise = STEP if float(state["finger_positions"].sum()) > 0.075 else 0.0
-            yaw = tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+            yaw = tool_yaw(state)
             return go(state, tcp + np.array([0.0, 0.0, rise]), gripper=OPEN, yaw=yaw)
         if not held:
             return grasp(state, ball, 0.0)

@@ -14,7 +14,7 @@ TURN = 0.039
 """Largest rotation in one control step (rad), the controller's limit."""
 GAIN = 0.6
 REST_YAW = np.pi / 2
-"""The gripper's rotation about the vertical in ManiSkill's rest pose (rad)."""
+"""The gripper's rotation about the vertical in the rest pose of most tasks of one arm (rad)."""
 CUBE = 0.04
 """Edge of every cube (m)."""
 XY = slice(0, 2)
@@ -31,7 +31,7 @@ def grasp(state: State, place: FloatArray, yaw: float, *, lean: float = 0.0) -> 
 
 
 def grasp_turned(state: State, place: FloatArray, rotation: Rotation) -> FloatArray:
-    """Return the same with a gripper in any orientation."""
+    """Return one action (7,) of a grasp with the gripper in this orientation: open, approach from above, close."""
     to_turn = float((rotation * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude())
     if distance(state, place) < 0.013 and to_turn < 0.1:
         return go_turned(state, place, rotation, gripper=CLOSED)
@@ -40,7 +40,7 @@ def grasp_turned(state: State, place: FloatArray, rotation: Rotation) -> FloatAr
 
 def let_go(state: State) -> FloatArray:
     """Return one action (7,) that opens the fingers, and then withdraws them upwards."""
-    yaw = tool_yaw(Rotation.from_quat(state["tcp_quaternion"]))
+    yaw = tool_yaw(state)
     retreat = [0.0, 0.0, STEP if float(state["finger_positions"].sum()) > CUBE + 0.02 else 0.0]
     return go(state, state["tcp_position"] + retreat, gripper=OPEN, yaw=yaw)
 
@@ -77,6 +77,11 @@ def leaning(yaw: float, lean: float) -> Rotation:
     return Rotation.from_euler("y", -lean) * pointing_down(yaw)
 
 
+def lean_at(state: State) -> float:
+    """Return how much the gripper has to lean (rad) where it is: at the limit of reach it cannot point down."""
+    return float(np.clip(3.0 * (state["tcp_position"][0] - 0.6), 0.0, 0.45))
+
+
 def hover(
     state: State,
     target: FloatArray,
@@ -100,9 +105,9 @@ def funnel(state: State, target: FloatArray, *, clearance: float, to_turn: float
     return np.asarray(state["tcp_position"] + offset)
 
 
-def tool_yaw(gripper: Rotation) -> float:
+def tool_yaw(state: State) -> float:
     """Return the yaw (rad) for which `pointing_down` is closest to the gripper's orientation."""
-    return yaw_of((gripper * pointing_down(0.0).inv()).as_quat())
+    return yaw_of((Rotation.from_quat(state["tcp_quaternion"]) * pointing_down(0.0).inv()).as_quat())
 
 
 def line_yaw(axis: FloatArray) -> float:

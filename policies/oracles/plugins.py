@@ -24,23 +24,15 @@ class OraclePlugin:
     """Full task name, `simulator/task`, to a callable that builds the script of one episode."""
     module: str
     """Name of the module with the mapping."""
+    shared: tuple[str, ...] = ()
+    """Names of other modules from which the scripts import."""
 
     def modules(self) -> list[ModuleType]:
-        """Return the modules in which the scripts are defined, and those of their packages that these import from.
-
-        The oracle's digest covers their source.
-        """
-        names = {self.module} | {getattr(_unwrap(build), "__module__", self.module) for build in self.scripts.values()}
-        for name in list(names):
-            parts = vars(import_module(name)).values()
-            names |= {other for part in parts if _beside(other := getattr(part, "__module__", None), name)}
+        """Return the modules of the scripts, and `shared`; the oracle's digest covers their source."""
+        names = {self.module, *self.shared} | {
+            getattr(_unwrap(build), "__module__", self.module) for build in self.scripts.values()
+        }
         return [import_module(name) for name in sorted(names)]
-
-
-def _beside(module: object, name: str) -> bool:
-    """Return whether a module is in the same package as the one called `name`."""
-    package = name.rpartition(".")[0]
-    return bool(package) and isinstance(module, str) and module.rpartition(".")[0] == package
 
 
 def _unwrap(build: Callable[..., object]) -> Callable[..., object]:

@@ -8,20 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import ARM_PREFIXES, FloatArray
-from robogauntlet.policies.oracles.motion import (
-    CLOSED,
-    OPEN,
-    Script,
-    State,
-    distance,
-    move,
-    pointing_down,
-    yaw_of,
-)
-
-MAX_STEP, MAX_TURN, GAIN = 0.0153, 0.153, 0.306
-"""Largest motion in one step (m, rad), the limit of robosuite's controller, and the share of the remaining distance."""
-UP = np.array([0.0, 0.0, 1.0])
+from robogauntlet.policies.oracles.maniskill_motion import CUBE, go_turned, lean_at, leaning
+from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance, pointing_down, yaw_of
+from robogauntlet.policies.oracles.robosuite import UP, go, tool_yaw
 
 
 class TwoArmLift:
@@ -46,12 +35,13 @@ class TwoArmLift:
                 rise = 0.05 - 4.0 * (height - min(heights))
                 actions.append(go(own, own["tcp_position"] + rise * UP, CLOSED, rotation))
             else:
-                actions.append(self._grasp(own, handle, rotation))
+                to_turn = float((rotation * Rotation.from_quat(own["tcp_quaternion"]).inv()).magnitude())
+                actions.append(grasp_bar(own, own[f"{handle}_position"], rotation, to_turn, self.bar))
         return np.concatenate(actions)
 
     def _yaw(self, own: State, handle: str) -> float:
         """The nearest yaw at which the fingers close across the handle."""
-        now, yaw = hand_yaw(own), yaw_of(own[f"{handle}_quaternion"])
+        now, yaw = tool_yaw(own), yaw_of(own[f"{handle}_quaternion"])
         possible = [y for k in range(-2, 3) if abs(y := yaw + k * np.pi) <= self.farthest_turn]
         return min(possible, key=lambda y: abs(y - now))
 
@@ -59,22 +49,11 @@ class TwoArmLift:
         opening = float(own["finger_positions"].sum())
         return distance(own, own[f"{handle}_position"]) < 0.03 and 0.5 * self.bar < opening < 1.4 * self.bar
 
-    def _grasp(self, own: State, handle: str, rotation: Rotation) -> FloatArray:
-        """Open, approach the handle from above within a funnel, close."""
-        target, opening = own[f"{handle}_position"].copy(), float(own["finger_positions"].sum())
-        lateral, far = distance(own, target, axes=slice(0, 2)), distance(own, target)
-        turn = (rotation * Rotation.from_quat(own["tcp_quaternion"]).inv()).magnitude()
-        if (far < 0.025 and 0.5 * self.bar < opening < 0.07) or (far < 0.012 and turn < 0.2):
-            return go(own, target, CLOSED, rotation)
-        until_open = 0.08 if opening < 0.06 else 0.0
-        target[2] += min(0.08, max(0.0, 5.0 * (lateral - 0.01), 0.4 * (turn - 0.15), until_open))
-        return go(own, target, OPEN, rotation)
-
 
 class PassHammer:
     """The first arm grasps the hammer by its handle, beside the head, and holds its end out to the second arm.
 
-    The joint of its hand turns almost once around, so that any end can be held out.
+    Its last joint turns almost once around, so that the end can be held out however the hammer lies.
     """
 
     width = 0.036
@@ -88,7 +67,7 @@ class PassHammer:
     yaws = -2.0, 3.5
     """Range of the first hand's rotation about the vertical (rad)."""
     turn = 0.6
-    """Largest rotation that is asked for at once (rad): the shorter way may be closed to the joint."""
+    """Largest rotation asked for at once (rad): a larger one could go the short way, beyond the joint's range."""
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (14,)."""
@@ -99,10 +78,10 @@ class PassHammer:
         if self._holds(second, places[1]):
             let_go = float(first["finger_positions"].sum()) > self.width + 0.03
             retreat, lift = (0.05 * UP, 0.02 * UP) if let_go else (0.0, 0.0)
-            leaving = self._to(first, first["tcp_position"] + retreat, OPEN, hand_yaw(first))
+            leaving = self._to(first, first["tcp_position"] + retreat, OPEN, tool_yaw(first))
             return np.concatenate([leaving, self._to(second, second["tcp_position"] + lift, CLOSED, line)])
         waiting = self._to(second, self.aside, OPEN, 0.0)
-        now, end = (self._in_range(angle) for angle in (hand_yaw(first), float(np.arctan2(ends[0][1], ends[0][0]))))
+        now, end = (self._in_range(angle) for angle in (tool_yaw(first), float(np.arctan2(ends[0][1], ends[0][0]))))
         if not self._holds(first, places[0]):
             yaw = float(np.clip(end, *self.yaws))
             return np.concatenate([self._grasp(first, places[0], self._towards(yaw, now), abs(yaw - now)), waiting])
@@ -113,7 +92,7 @@ class PassHammer:
         holding = self._to(first, target, CLOSED, self._towards(yaw, now))
         if abs(end) > 0.1 or distance(first, self.meeting) > 0.015:
             return np.concatenate([holding, waiting])
-        to_turn = abs((line - hand_yaw(second) + np.pi / 2) % np.pi - np.pi / 2)
+        to_turn = abs((line - tool_yaw(second) + np.pi / 2) % np.pi - np.pi / 2)
         return np.concatenate([holding, self._grasp(second, places[1], line, to_turn)])
 
     def _in_range(self, angle: float) -> float:
@@ -128,25 +107,16 @@ class PassHammer:
         return distance(own, place) < 0.03 and abs(float(own["finger_positions"].sum()) - self.width) < 0.008
 
     def _grasp(self, own: State, place: FloatArray, yaw: float, to_turn: float) -> FloatArray:
-        """Open, approach the place from above within a funnel, close."""
-        target, opening = place.copy(), float(own["finger_positions"].sum())
-        lateral, far = distance(own, place, axes=slice(0, 2)), distance(own, place)
-        if (far < 0.025 and 0.03 < opening < 0.07) or (far < 0.012 and to_turn < 0.2):
-            return self._to(own, place, CLOSED, yaw)
-        until_open = 0.08 if opening < 0.06 else 0.0
-        target[2] += min(0.08, max(0.0, 5.0 * (lateral - 0.01), 0.4 * (to_turn - 0.15), until_open))
-        return self._to(own, target, OPEN, yaw)
+        return grasp_bar(own, place, leaning(yaw, lean_at(own)), to_turn, self.width)
 
     @staticmethod
     def _to(own: State, target: FloatArray, gripper: float, yaw: float) -> FloatArray:
-        return go(own, target, gripper, leaning(own, yaw))
+        return go(own, target, gripper, leaning(yaw, lean_at(own)))
 
 
 class _Cubes:
     """Two arms of ManiSkill with cubes between them."""
 
-    edge = 0.04
-    """Of a cube (m)."""
     aside = np.array([0.52, 0.0, 0.25])
     """Where an arm is out of the other's way, in the frame of its own base (m)."""
     clear = 0.63
@@ -154,7 +124,7 @@ class _Cubes:
 
     def _holds(self, own: State, cube: str) -> bool:
         opening = float(own["finger_positions"].sum())
-        return distance(own, own[f"{cube}_position"]) < 0.025 and abs(opening - self.edge) < 0.006
+        return distance(own, own[f"{cube}_position"]) < 0.025 and abs(opening - CUBE) < 0.006
 
     def _put(self, own: State, cube: str, place: FloatArray) -> FloatArray:
         """Carry the cube to a place, from a little above, and let it go there."""
@@ -167,7 +137,7 @@ class _Cubes:
     def _withdraw(self, own: State, cube: str) -> FloatArray:
         """Open the fingers, rise, and move back."""
         tool, place = own["tcp_position"], own[f"{cube}_position"]
-        if float(own["finger_positions"].sum()) < self.edge + 0.02 and distance(own, place) < 0.05:
+        if float(own["finger_positions"].sum()) < CUBE + 0.02 and distance(own, place) < 0.05:
             return self._to(own, tool, OPEN)
         beside = distance(own, place, axes=slice(0, 2)) < 0.06
         rising = beside and tool[2] < place[2] + 0.1
@@ -178,7 +148,7 @@ class _Cubes:
         place, tool = own[f"{cube}_position"], own["tcp_position"]
         quarter = np.pi / 2
         yaw = (yaw_of(own[f"{cube}_quaternion"]) + quarter / 2) % quarter - quarter / 2
-        turn = (leaning(own, yaw) * Rotation.from_quat(own["tcp_quaternion"]).inv()).magnitude()
+        turn = (leaning(yaw, lean_at(own)) * Rotation.from_quat(own["tcp_quaternion"]).inv()).magnitude()
         if distance(own, place) < 0.013 and turn < 0.12:
             return self._to(own, place, CLOSED, yaw)
         offset = place - tool
@@ -188,8 +158,7 @@ class _Cubes:
         return self._to(own, tool + offset, OPEN, yaw)
 
     def _to(self, own: State, target: FloatArray, gripper: float, yaw: float = 0.0) -> FloatArray:
-        rotation = leaning(own, yaw)
-        return move(own, target, gripper=gripper, max_step=0.03, gain=0.6, rotation=rotation, max_turn=0.039)
+        return go_turned(own, target, leaning(yaw, lean_at(own)), gripper=gripper)
 
 
 class HandOver(_Cubes):
@@ -240,7 +209,7 @@ class StackTogether(_Cubes):
         )
 
     def _first(self, own: State, holds: bool, may_stack: bool) -> FloatArray:
-        top = own["green_cube_position"] + [0.0, 0.0, self.edge]
+        top = own["green_cube_position"] + [0.0, 0.0, CUBE]
         offset = top - own["blue_cube_position"]
         if np.linalg.norm(offset[:2]) < 0.012 and abs(offset[2]) < 0.004:
             return self._withdraw(own, "blue_cube")
@@ -248,24 +217,27 @@ class StackTogether(_Cubes):
             return self._grasp(own, "blue_cube")
         return self._put(own, "blue_cube", top) if may_stack else self._to(own, self.aside, CLOSED)
 
-    def _second(self, own: State, clear: bool, holds: bool, placed: bool) -> FloatArray:
+    def _second(self, own: State, may_place: bool, holds: bool, placed: bool) -> FloatArray:
         if placed:
             return self._withdraw(own, "green_cube")
         if not holds:
             return self._grasp(own, "green_cube")
-        target = own["goal_position"] * [1.0, 1.0, 0.0] + [-self.short, 0.0, self.edge / 2]
-        return self._put(own, "green_cube", target) if clear else self._to(own, own["tcp_position"], CLOSED)
+        target = own["goal_position"] * [1.0, 1.0, 0.0] + [-self.short, 0.0, CUBE / 2]
+        return self._put(own, "green_cube", target) if may_place else self._to(own, own["tcp_position"], CLOSED)
 
 
-def hand_yaw(own: State) -> float:
-    """Return the rotation of the downward gripper about the vertical (rad)."""
-    return yaw_of((Rotation.from_quat(own["tcp_quaternion"]) * Rotation.from_euler("x", np.pi)).as_quat())
+def grasp_bar(own: State, place: FloatArray, rotation: Rotation, to_turn: float, thickness: float) -> FloatArray:
+    """Return one arm's action (7,) of a grasp of a bar: open, approach it from above within a funnel, close.
 
-
-def leaning(own: State, yaw: float) -> Rotation:
-    """Return the orientation of a gripper that points down, but the farther out, the more it leans forward."""
-    lean = float(np.clip(3.0 * (own["tcp_position"][0] - 0.6), 0.0, 0.45))
-    return Rotation.from_euler("y", -lean) * pointing_down(yaw)
+    `to_turn` (rad) is how far the gripper is from `rotation`, or from another that grasps it as well.
+    """
+    target, opening = place.copy(), float(own["finger_positions"].sum())
+    lateral, far = distance(own, place, axes=slice(0, 2)), distance(own, place)
+    if (far < 0.025 and 0.5 * thickness < opening < 0.07) or (far < 0.012 and to_turn < 0.2):
+        return go(own, place, CLOSED, rotation)
+    until_open = 0.08 if opening < 0.06 else 0.0
+    target[2] += min(0.08, max(0.0, 5.0 * (lateral - 0.01), 0.4 * (to_turn - 0.15), until_open))
+    return go(own, target, OPEN, rotation)
 
 
 def seen_by(arm: str, state: State, things: Sequence[str]) -> State:
@@ -282,11 +254,6 @@ def seen_by(arm: str, state: State, things: Sequence[str]) -> State:
         if f"{thing}_quaternion" in state:
             own[f"{thing}_quaternion"] = (turn * Rotation.from_quat(state[f"{thing}_quaternion"])).as_quat()
     return own
-
-
-def go(state: State, target: FloatArray, gripper: float, rotation: Rotation) -> FloatArray:
-    """Return one arm's action (7,) towards a pose, within these oracles' limits."""
-    return move(state, target, gripper=gripper, max_step=MAX_STEP, gain=GAIN, rotation=rotation, max_turn=MAX_TURN)
 
 
 SCRIPTS: Mapping[str, Callable[[], Script]] = {

@@ -231,9 +231,15 @@ def test_the_table_of_reflections_that_sapien_would_compute_changes_no_pixel(pus
 def test_the_table_is_painted_upright_for_a_robot_that_faces_another_way():
     simulation = SIMULATOR.open("RollBall-v1", View(image_size=48))
     simulation.reset(0)
-    far_red_near_green = np.zeros((64, 64, 3), np.uint8)
-    far_red_near_green[:32, :, 0] = far_red_near_green[32:, :, 1] = 255
-    simulation.scene_controls.table.paint_table(far_red_near_green)
-    red, green, _ = simulation.observe().images["wrist"].mean(axis=(0, 1))
+    texture = np.zeros((64, 64, 3), np.uint8)
+    texture[:32, :, 0] = 255  # The far half is red,
+    texture[32:, :32, 1] = texture[32:, 32:, 2] = 255  # the near one green at the left and blue at the right.
+    simulation.scene_controls.table.paint_table(texture)
+    image = simulation.observe().images["third_person"].astype(int)
     simulation.close()
-    assert green > 3.0 * red
+    (_, red), (green_row, green), (blue_row, blue) = (
+        np.argwhere(image[..., colour] > 100 + np.delete(image, colour, axis=2).max(axis=2)).mean(axis=0)
+        for colour in range(3)
+    )
+    assert red < min(green, blue)  # The camera looks from the robot's left: away from it is to the left,
+    assert green_row > blue_row  # and its left is below.

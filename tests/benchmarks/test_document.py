@@ -267,8 +267,8 @@ def test_the_matrix_of_simulators_counts_the_oracles_episodes():
         played = [row for row in rows if row["task"].startswith(name)]
         won, every = (f"{sum(row[key] for row in played):,}" for key in ("successes", "episodes"))
         tasks = f"{len({row['task'].partition('@')[0] for row in played})}"
-        tasks += ", three of them with six arms, [one with two](docs/two-arms.md)" if title == robosuite else ""
-        tasks += ", [one with two arms](docs/two-arms.md)" if name == "maniskill" else ""
+        tasks += ", three of them with six arms, [two with two](docs/two-arms.md)" if title == robosuite else ""
+        tasks += ", [two with two arms](docs/two-arms.md)" if name == "maniskill" else ""
         assert f"| {title} | {tasks} | all; {won} of {every}" in matrix
 
 
