@@ -48,7 +48,8 @@ class MujocoTable:
     def paint_table(self, texture: Image) -> None:
         """Paint the table with a texture (n, n, 3), until the next reset.
 
-        For the robot, its first row is the farthest and its first column the leftmost. The edges take its mean colour.
+        In the frame of the world its first row has the smallest y, and its first column the smallest x. The edges take
+        its mean colour.
         """
         spare = self._model.texture(SPARE_TEXTURE)
         size, start = int(spare.width[0]), int(spare.adr[0])
