@@ -66,7 +66,7 @@ def test_after_its_time_all_processes_are_ended():
     began = time.monotonic()
     cores = ray.cluster_resources()["CPU"]
     found = list(run_per_simulator(count, dict.fromkeys(NAMES, (1000, 0.1)), time_s=5.0))
-    assert 5.0 <= time.monotonic() - began < 50.0  # Of the 100 s that the processes want.
+    assert 5.0 <= time.monotonic() - began < 6.5
     assert len(found) < 200
     until = time.monotonic() + 20.0
     while ray.available_resources().get("CPU", 0) < cores and time.monotonic() < until:
