@@ -1,5 +1,7 @@
 """Packages provide oracles for their own simulators only, and the oracle's digest covers them."""
 
+import inspect
+import re
 import sys
 from importlib.metadata import EntryPoint
 
@@ -87,6 +89,15 @@ def test_a_tasks_digest_covers(monkeypatch, task, other):
 
     monkeypatch.setattr(oracles, "source_digest", without)
     assert oracles.digest_of_task(task) != before
+
+
+@pytest.mark.parametrize("source", oracles._sources(), ids=lambda source: source.name)
+def test_a_digest_covers_all_that_its_scripts_import_from_beside_them(source):
+    package = oracles.__name__
+    covered = {module.__name__ for module in (oracles.motion, *source.modules())}
+    imports = re.compile(rf"^from ({re.escape(package)}\.\w+) import", re.MULTILINE)
+    imported = {name for module in source.modules() for name in imports.findall(inspect.getsource(module))}
+    assert imported <= covered
 
 
 def test_no_digest_covers_pythons_own_library():
