@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated
 
@@ -172,7 +173,9 @@ def run(
 
 
 def _is_task(text: str) -> bool:
-    return not Path(text).exists() and text.partition("/")[0] in simulators() and "/" in text
+    simulator, slash, _ = text.partition("/")
+    mistyped = not Path(text).suffix and get_close_matches(simulator, simulators(), n=1, cutoff=0.8)
+    return bool(slash) and not Path(text).exists() and bool(simulator in simulators() or mistyped)
 
 
 def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, address: str | None) -> str:

@@ -115,6 +115,11 @@ def test_a_part_of_a_suite_is_planned(run_command, suite):
     [
         (("run", "no-such-suite"), "no-such-suite: no such file"),
         (("run", "dmeo"), "dmeo: no such file, and no shipped suite of that name; did you mean 'demo'?"),
+        (("run", "nul/Reach", "--policy", "zero"), "unknown simulator 'nul'"),
+        (
+            ("run", "maniskil/PushCube-v1", "--policy", "zero"),
+            "unknown simulator 'maniskil' in 'maniskil/PushCube-v1'; did you mean",
+        ),
         (("run", "."), ".: expected a suite file, this is a directory"),
         (("run", "SUITE", "--require", "robosuite"), "robosuite: the suite does not use this simulator"),
         (("run", "SUITE", "--store", "nonsense"), "not a store URL: nonsense; expected sqlite:///FILE or postgresql"),
