@@ -190,7 +190,7 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
     """Open a task. The first in a process takes 3 s, later ones 0.2 s.
 
     Raises:
-        SimulatorUnavailable: ManiSkill is not installed, or SAPIEN finds no Vulkan device to render with.
+        SimulatorUnavailable: ManiSkill or a file of it is missing, or SAPIEN finds no Vulkan device to render with.
     """
     try:
         import mani_skill.envs  # noqa: F401  (registers the tasks)
@@ -227,6 +227,11 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
             | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal", "mount": None},
         )
     except RuntimeError as error:
+        if "No such file" in str(error):
+            raise SimulatorUnavailable(
+                f"a file of ManiSkill is missing ({error}); "
+                "install it again: pip install --force-reinstall --no-deps mani_skill"
+            ) from error
         raise SimulatorUnavailable(f"SAPIEN cannot render here ({error}): {_VULKAN_FIX}") from error
     if not env.scene.can_render():
         env.close()

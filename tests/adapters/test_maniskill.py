@@ -3,12 +3,14 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters.contract import SimulatorUnavailable
 from robogauntlet.adapters.maniskill import SIMULATOR
 from robogauntlet.adapters.maniskill import simulation as maniskill
 from robogauntlet.adapters.maniskill.robot import _command, _euler_xyz
@@ -172,6 +174,17 @@ def test_without_a_vulkan_driver_the_message_says_why_and_what_to_do():
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)
     assert "SimulatorUnavailable" in run.stderr.splitlines()[-1]
     assert "install a Vulkan driver" in run.stderr.splitlines()[-1]
+
+
+@pytest.mark.simulator
+def test_a_mesh_that_is_missing_is_no_fault_of_the_driver(monkeypatch, tmp_path):
+    from mani_skill.agents.robots.panda.panda_wristcam import PandaWristCam
+
+    urdf = tmp_path / "panda.urdf"
+    urdf.write_text(Path(PandaWristCam.urdf_path).read_text(encoding="utf-8"), encoding="utf-8")
+    monkeypatch.setattr(PandaWristCam, "urdf_path", str(urdf))  # its meshes are beside the original
+    with pytest.raises(SimulatorUnavailable, match=r"a file of ManiSkill is missing \(.*; install it again: pip"):
+        SIMULATOR.open("PushCube-v1", View(image_size=96))
 
 
 @pytest.mark.simulator
