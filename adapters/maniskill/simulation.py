@@ -48,6 +48,7 @@ from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
 from robogauntlet.adapters.maniskill.robot import robots_of
 from robogauntlet.adapters.maniskill.table import ManiSkillTable
 from robogauntlet.adapters.maniskill.tasks import LAYOUTS, TASKS
+from robogauntlet.adapters.package_files import files_of
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import AT, RenderProfile, View
 
@@ -213,25 +214,21 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
     size = {"width": view.image_size, "height": view.image_size}
     wrist = SENSORS["wrist"] if alone else f"{ROBOT}-0-{SENSORS['wrist']}"
     try:
-        env = REGISTERED_ENVS[task.partition(AT)[0]].cls(
-            num_envs=1,
-            robot_uids=ROBOT if alone else (ROBOT, ROBOT),
-            control_mode="pd_ee_delta_pose",
-            obs_mode="none",
-            reward_mode="none",
-            sim_backend="physx_cpu",
-            render_backend=_render_backend(sapien),
-            sensor_configs={SENSORS["third_person"]: third_person | size, wrist: size},
-            # Mounted on nothing: PlugCharger's own camera moves with the socket.
-            human_render_camera_configs=third_person
-            | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal", "mount": None},
-        )
+        with files_of("mani_skill"):
+            env = REGISTERED_ENVS[task.partition(AT)[0]].cls(
+                num_envs=1,
+                robot_uids=ROBOT if alone else (ROBOT, ROBOT),
+                control_mode="pd_ee_delta_pose",
+                obs_mode="none",
+                reward_mode="none",
+                sim_backend="physx_cpu",
+                render_backend=_render_backend(sapien),
+                sensor_configs={SENSORS["third_person"]: third_person | size, wrist: size},
+                # Mounted on nothing: PlugCharger's own camera moves with the socket.
+                human_render_camera_configs=third_person
+                | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal", "mount": None},
+            )
     except RuntimeError as error:
-        if "No such file" in str(error):
-            raise SimulatorUnavailable(
-                f"a file of ManiSkill is missing ({error}); "
-                "install it again: pip install --force-reinstall --no-deps mani_skill"
-            ) from error
         raise SimulatorUnavailable(f"SAPIEN cannot render here ({error}): {_VULKAN_FIX}") from error
     if not env.scene.can_render():
         env.close()

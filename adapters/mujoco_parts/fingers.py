@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.contract import AdapterError, FloatArray
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 
 
@@ -34,9 +34,17 @@ class Pads:
     """Fingers of any other mechanism: half the gap between their pads, beyond that of the closed gripper."""
 
     def __init__(self, physics: MujocoPhysics, hand: str, pads: tuple[Sequence[str], Sequence[str]]) -> None:
-        """Take the names of the hand's body, along whose y axis the fingers open, and of the pads' shapes, by side."""
+        """Take the names of the hand's body, along whose y axis the fingers open, and of the pads' shapes, by side.
+
+        Raises:
+            AdapterError: The model has no such shape, so that the gripper's range cannot be measured.
+        """
         self._hand = physics.data.body(hand)
-        self._sides = [[physics.data.geom(name) for name in side] for side in pads]
+        try:
+            self._sides = [[physics.data.geom(name) for name in side] for side in pads]
+        except KeyError as error:  # It goes on with the names of all shapes.
+            wrong = str(error.args[0]).partition(". ")[0]
+            raise AdapterError(f"expected shapes of the model as pads of the fingers, got others: {wrong}") from None
         self.closed = 0.0
         """Gap between the pads' centres when the gripper is closed and empty (m)."""
 

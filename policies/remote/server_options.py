@@ -35,6 +35,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 """Convention to the options that it sets."""
 OF_TOOLS = {"translation_scale", "rotation", "rotation_scale"}
 """Options that have no meaning for joints."""
+GRIPPER_RANGE = {"gripper_open", "gripper_closed"}
+"""Options without a default beside joints."""
 
 
 class Convention(BaseModel):
@@ -115,6 +117,8 @@ class Convention(BaseModel):
             raise ValueError(f"joint_scale: expected a number other than 0, or one for each of joints, got {given}")
         if self.gripper_open == self.gripper_closed:
             raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
+        if self.joints and (missing := sorted(GRIPPER_RANGE - self.model_fields_set)):
+            raise ValueError(f"expected {' and '.join(missing)} beside joints, whose gripper has no common range")
         return self
 
     def resolved(self) -> Self:

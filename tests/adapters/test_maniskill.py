@@ -183,7 +183,7 @@ def test_a_mesh_that_is_missing_is_no_fault_of_the_driver(monkeypatch, tmp_path)
     urdf = tmp_path / "panda.urdf"
     urdf.write_text(Path(PandaWristCam.urdf_path).read_text(encoding="utf-8"), encoding="utf-8")
     monkeypatch.setattr(PandaWristCam, "urdf_path", str(urdf))  # its meshes are beside the original
-    with pytest.raises(SimulatorUnavailable, match=r"a file of ManiSkill is missing \(.*; install it again: pip"):
+    with pytest.raises(SimulatorUnavailable, match=r"a file of mani_skill is missing \(.*; install it again: pip"):
         SIMULATOR.open("PushCube-v1", View(image_size=96))
 
 

@@ -1,10 +1,14 @@
 """The arms of robosuite's tasks beside the Panda; `python -m tests.benchmarks oracles` plays all of them."""
 
+import ast
+import re
+
 import numpy as np
 import pytest
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import UnknownTask
+from robogauntlet.adapters.contract import AdapterError, SimulatorUnavailable, UnknownTask
+from robogauntlet.adapters.mujoco_parts.fingers import Pads
 from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.robosuite.arms import ARMS, PANDA
 from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
@@ -14,6 +18,7 @@ from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.suites.schema import expand_tasks, robots_by_task, with_robots
 from tests import ROOT
 from tests.adapters.control_steps import check_compiled, ours, played, robosuites
+from tests.errors import one_line_error
 from tests.policies.playing import steps_to_success
 
 OTHERS = [arm for arm in ARMS if arm != PANDA]
@@ -99,8 +104,27 @@ def test_an_arm_that_does_not_exist_is_refused_with_the_nearest():
         catalog.open_simulation("robosuite/Lift@UR5", View())
 
 
-def test_the_entry_of_an_arm_in_the_docs_is_the_one_in_use():
-    page = (ROOT / "docs" / "robosuite.md").read_text(encoding="utf-8")
-    entries = page.partition("```python\n")[2].partition("```")[0]
-    assert entries.strip()
-    assert entries in (ROOT / "adapters" / "robosuite" / "arms.py").read_text(encoding="utf-8")
+def test_an_arm_is_an_entry_of_at_most_ten_lines_and_the_docs_show_two():
+    code = (ROOT / "adapters" / "robosuite" / "arms.py").read_text(encoding="utf-8")
+    table = next(node for node in ast.parse(code).body if isinstance(node, ast.AnnAssign) and node.target.id == "ARMS")
+    assert all(entry.end_lineno - entry.lineno < 10 for entry in table.value.values)
+    section = (
+        (ROOT / "docs" / "adapters.md").read_text(encoding="utf-8").partition("## Tasks that several robots play")[2]
+    )
+    shown = re.findall(r"```python\n(.*?)```", section, re.DOTALL)[:2]
+    assert [entry.split('"')[1] for entry in shown] == ["Kinova3", "XArm7"]
+    assert all(entry in code for entry in shown)
+
+
+@pytest.mark.simulator
+def test_pads_that_the_model_lacks_are_one_line(lift):
+    with one_line_error(AdapterError, "expected shapes of the model as pads of the fingers, got others: .*nothing"):
+        Pads(lift._physics, "gripper0_right_eef", (["nothing"], ["nothing"]))
+
+
+@pytest.mark.simulator
+def test_an_arm_without_its_files_is_one_line(monkeypatch, tmp_path):
+    of_arm = "robosuite.models.robots.manipulators.ur5e_robot.xml_path_completion"
+    monkeypatch.setattr(of_arm, lambda path: str(tmp_path / path))
+    with one_line_error(SimulatorUnavailable, "a file of robosuite is missing .*install it again: pip install"):
+        SIMULATOR.open("Lift@UR5e", View(image_size=48))

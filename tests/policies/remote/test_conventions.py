@@ -95,9 +95,12 @@ def test_degrees_of_an_so101_are_sent_and_read_back_as_radians(seed):
 
 
 def test_other_joints_have_a_scale_each_and_columns_of_their_own():
-    options = {"joints": 2, "joint_scale": [0.1, 0.01], "columns": [2, 1, 0], "gripper_open": 0.0}
+    options = {"joints": 2, "joint_scale": [0.1, 0.01], "columns": [2, 1, 0]}
     rows = np.array([[1.0, 50.0, 3.0]])
-    np.testing.assert_allclose(decode_chunk(server_options(**options), {"actions": rows}), [[0.3, 0.5, 1.0]])
+    np.testing.assert_allclose(
+        decode_chunk(server_options(**options, gripper_open=0.0, gripper_closed=1.0), {"actions": rows}),
+        [[0.3, 0.5, 1.0]],
+    )
 
 
 @pytest.mark.parametrize(
@@ -111,6 +114,8 @@ def test_other_joints_have_a_scale_each_and_columns_of_their_own():
         ({**SO101, "rotation": "euler"}, "expected no rotation beside joints"),
         ({"joint_scale": 0.5}, "joint_scale: expected joints, their number, beside it"),
         ({"joints": 0}, "joints: "),
+        ({"joints": 5, "gripper_open": 100.0}, "expected gripper_closed beside joints, whose gripper has no common"),
+        ({"joints": 5}, "expected gripper_closed and gripper_open beside joints"),
     ],
 )
 def test_options_of_joints_that_do_not_fit_are_one_line(options, says):
