@@ -124,7 +124,7 @@ def _mistakes_in(condition: Condition, names: Registry) -> Iterator[str]:
         axis = condition.axis
         known = axis in names.axes
         yield (
-            f"expected severities from 1 for '{axis}', as {{axis: {axis}, severities: [2, 4]}}"
+            f"expected severities above 0 for '{axis}', as {{axis: {axis}, severities: [2, 4]}}"
             if known
             else (f"unknown condition '{axis}'{did_you_mean(axis, [CLEAN, *names.axes])}")
         )

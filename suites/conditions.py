@@ -14,6 +14,8 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
 EXPECTED = "clean, AXIS or AXIS@SEVERITY[,SEVERITY], such as noise@2,4 or noise@2+table@3.5"
+SMALLEST = 0.01
+"""The smallest severity, and the unit in which they are kept."""
 _PARTS = re.compile(r"(?P<axis>[^@:]*)(?P<sign>[@:]?)(?P<severities>.*)", re.DOTALL)
 _SEVERITY = re.compile(r"[0-9]{1,9}([.][0-9]{1,9})?")
 
@@ -49,7 +51,7 @@ def read_severities(text: str) -> tuple[str, tuple[float, ...] | None]:
 
 
 def is_severity(value: float) -> bool:
-    """Whether a severity is at least a hundredth, the unit in which they are kept."""
+    """Whether a severity is at least `SMALLEST`."""
     return round(value, 2) > 0
 
 
@@ -72,14 +74,18 @@ def read_condition(text: str) -> Condition:
     if len(severities) != 1 and axis in AXES:
         raise BadInput(f"condition '{text}': expected one severity, such as {axis}@2, got {len(severities)}")
     if severities[0] and not is_severity(severities[0]):
-        raise BadInput(f"condition '{text}': expected a severity from 0.01 to {_levels(axis)}, got {severities[0]:g}")
+        raise BadInput(
+            f"condition '{text}': expected a severity from {SMALLEST} to {_levels(axis)}, got {severities[0]:g}"
+        )
     condition = condition_of(axis, severities[0])
     for part in condition.perturbations or (Perturbation(axis, severities[0]),):
         if part.axis not in AXES:
             raise BadInput(f"condition '{text}': unknown axis '{part.axis}'{did_you_mean(part.axis, [CLEAN, *AXES])}")
         if not 0 < part.severity <= _levels(part.axis):
-            highest = f"expected a severity from 1 to {_levels(part.axis)}"
-            raise BadInput(f"condition '{text}': {highest}, got {part.severity:g}")
+            lowest = 1 if AXES[part.axis].unchanged is None else SMALLEST
+            raise BadInput(
+                f"condition '{text}': expected a severity from {lowest} to {_levels(part.axis)}, got {part.severity:g}"
+            )
     try:
         axes_of(condition)
     except ValueError as error:

@@ -72,7 +72,7 @@ def policy_sources(document: RunDocument, folder: Path, *, trust: bool = False) 
             options = environments.options(entry.kind, entry.options)
         except PolicyError as error:
             raise ReplayError(f"policy '{entry.name}': {error.reason}") from None
-        if policies.digest(entry.kind, options) != digests[entry.name]:
+        if policies.digest(entry.kind, options) != digests.get(entry.name):
             raise ReplayError(f"policy '{entry.name}' has changed since the run; check out the commit of the run")
         sources[entry.name] = PolicySource(entry.kind, options)
     return sources

@@ -84,7 +84,7 @@ QUERIES = table(
     ("replay abc --run runs/monday", "runs/monday: no episode abc; ids are in its episodes.parquet"),
     (f"replay {EPISODE} --with nois=2 --run runs/monday", "unknown axis 'nois'; did you mean 'noise'?"),
     (f"replay {EPISODE} --with noise --run runs/monday", "--with noise: expected AXIS=SEVERITY, such as illuminance=3"),
-    (f"replay {EPISODE} --with noise=7 --run runs/monday", "expected a severity from 1 to 5, got 7"),
+    (f"replay {EPISODE} --with noise=7 --run runs/monday", "expected a severity from 0.01 to 5, got 7"),
     (f"replay {EPISODE} --without noise --run runs/monday", "--without noise: the episode is under clean"),
     ("replay % --run runs/monday", "runs/monday: no episode %"),
     ("replay abc --run runs/monday --store sqlite:///none", "there is no such file"),

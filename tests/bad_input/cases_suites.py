@@ -101,7 +101,7 @@ OTHERS = {
     "conditions": {
         "[]": "expected at least one entry, found an empty list",
         "clean": "expected a list, found text ('clean')",
-        "[noise]": "expected severities from 1 for 'noise'\nno clean condition",
+        "[noise]": "expected severities above 0 for 'noise'\nno clean condition",
         "[clean, nois]": "unknown condition 'nois'; did you mean 'noise'?",
         "[clean, clean]": "duplicate condition 'clean'",
         "[{axis: noise, severities: [1]}]": "no clean condition to compare the perturbed ones with; add clean",

@@ -74,7 +74,7 @@ def test_conditions_that_differ_have_other_ids(part, severity):
     [
         ("noise@2+noise@3", "expected each axis once, got 'noise' twice"),
         ("noise@2+tabel@3", "unknown axis 'tabel'; did you mean 'table'"),
-        ("noise@2+table@6", "expected a severity from 1 to 5, got 6"),
+        ("noise@2+table@6", "expected a severity from 0.01 to 5, got 6"),
         ("noise@0+table@2", "expected clean, AXIS or AXIS@SEVERITY"),
         ("noise@2+distractors@1.5", "axis 'distractors' has whole severities only, got 1.5"),
         ("blind@1+table@2", "the control 'blind' does not combine with others"),
@@ -100,7 +100,7 @@ def test_one_axis_of_a_condition_is_changed_added_or_left_out():
     [
         (["noise"], [], "--with noise: expected AXIS=SEVERITY, such as illuminance=3"),
         (["noise=x"], [], "--with noise=x: expected AXIS=SEVERITY"),
-        (["noise=9"], [], "expected a severity from 1 to 5, got 9"),
+        (["noise=9"], [], "expected a severity from 0.01 to 5, got 9"),
         (["nois=2"], [], "unknown axis 'nois'; did you mean 'noise'?"),
         (["blind=1"], [], "the control 'blind' does not combine with others"),
         ([], ["table"], "--without table: the episode is under noise@2"),

@@ -138,7 +138,7 @@ def test_conditions_have_axes_and_severities(tmp_path):
 
 def test_a_condition_that_is_only_named_is_clean_or_a_control(problems):
     assert problems(SOUND + "conditions: [clean, light, blnd]\n") == [
-        "5: expected severities from 1 for 'light', as {axis: light, severities: [2, 4]}",
+        "5: expected severities above 0 for 'light', as {axis: light, severities: [2, 4]}",
         "5: unknown condition 'blnd'; did you mean 'blind'?",
     ]
 
@@ -270,7 +270,7 @@ def test_internal_tasks_and_policies_are_not_suggested(tmp_path):
         (("name: a-suite", "name: a-suite\nconditions: [{axis: light, severities: [9]}]"), "2: conditions.1.severities.1: expected a value less than or equal to 5, found 9"),
         (("name: a-suite", "name: a-suite\nconditions: [clean, clean]"), "2: duplicate condition 'clean'"),
         (("name: a-suite", "name: a-suite\nconditions: [{axis: light, severities: [2]}]"), "2: no clean condition to compare the perturbed ones with; add clean"),
-        (("name: a-suite", "name: a-suite\nconditions: [clean, {axis: light, severities: [0, 2]}]"), "2: expected severities from 1 for 'light', as {axis: light, severities: [2, 4]}"),
+        (("name: a-suite", "name: a-suite\nconditions: [clean, {axis: light, severities: [0, 2]}]"), "2: expected severities above 0 for 'light', as {axis: light, severities: [2, 4]}"),
         (("name: a-suite", "name: a-suite\nconditions: [clean, {axis: blind, severities: [2]}]"), "2: 'blind' has severity 1 at most, got 2"),
     ],
 )  # fmt: skip

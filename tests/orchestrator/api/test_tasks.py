@@ -156,7 +156,7 @@ def test_a_step_needs_a_reset():
         ({"condition": "nose:2"}, BadInput, "condition 'nose:2': unknown axis 'nose'; did you mean 'noise'?"),
         ({"condition": "noise"}, BadInput, "condition 'noise': expected one severity, such as noise@2, got 5"),
         ({"condition": "noise:2,4"}, BadInput, "expected one severity, such as noise@2, got 2"),
-        ({"condition": "noise:9"}, BadInput, "condition 'noise:9': expected a severity from 1 to 5, got 9"),
+        ({"condition": "noise:9"}, BadInput, "condition 'noise:9': expected a severity from 0.01 to 5, got 9"),
         ({"condition": "noise:two"}, BadInput, "condition 'noise:two': expected clean, AXIS or AXIS@SEVERITY"),
         ({"condition": "illuminance:2"}, BadInput, "condition 'illuminance:2': unsupported in null/Reach: "),
     ],

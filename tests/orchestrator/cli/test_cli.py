@@ -193,6 +193,14 @@ def test_an_episode_is_replayed_with_another_condition_beside_the_original(run_c
 
 
 @pytest.mark.ray
+def test_a_condition_that_the_task_of_an_episode_cannot_have_is_one_line(run_command, small_run):
+    _, folder, _ = small_run
+    done = run_command("replay", episode_of_oracle(folder, 3), "--run", folder, "--with", "camera-orbit=2")
+    assert done.code == EXIT_BAD_INPUT
+    assert "null/Reach cannot have camera-orbit@2: null simulator (no physics) does not let its cameras" in done.err
+
+
+@pytest.mark.ray
 def test_the_report_of_a_run_is_written_again(run_command, small_run):
     _, folder, _ = small_run
     (folder / "report.html").unlink()
