@@ -67,8 +67,17 @@ def _how_sure(found: PolicyCombinations) -> str:
         parts.append(
             f"the axes explain {share} of the variance of one episode, the rest is its task, start state and chance"
         )
+    if _first_is_open(by_total(found)):
+        parts.append("which axis matters most is not shown")
     counts = f"{formatting.counted(found.episodes, 'episode')} at {formatting.counted(found.points, 'point')}"
     return f"How sure: {'; '.join([*parts, counts])}."
+
+
+def _first_is_open(ranked: Sequence[AxisSensitivity]) -> bool:
+    """Whether the interval of the largest total index meets another's. One without an interval is a point."""
+    low = [one.total.interval.low if one.total.interval else one.total.value for one in ranked[:1]]
+    high = [one.total.interval.high if one.total.interval else one.total.value for one in ranked[1:]]
+    return bool(low and high) and max(high) >= low[0]
 
 
 def _share(estimate: Estimate) -> str:

@@ -103,7 +103,8 @@ DEFINITIONS = {
     "the simulators' means relative to the requested value.",
     "sensitivity index": "Share of the variance of the success rate that an axis causes by itself (first-order Sobol' "
     "index), and with its interactions with other axes (total index). Noise of single episodes is not counted. "
-    "95 % intervals over points and seeds.",
+    "95 % intervals over points and seeds. Each is estimated by itself, so that interactions can exceed the total by "
+    "chance.",
     "failure cluster": "Severities of one or two axes from which on a policy fails more often than elsewhere, and for "
     "two axes also more often than with one of them alone. Found on one half of the seeds and confirmed on the other, "
     "from which the rates are; p adjusted by Holm's method over all candidates. Lift: failure there divided by failure "

@@ -56,6 +56,13 @@ def test_indices_are_named_largest_first():
     assert combinations.index_table(built.policies[0]).rows[0][0] == "table"
 
 
+def test_an_axis_is_not_said_to_matter_most_where_intervals_overlap():
+    unsure = "which axis matters most is not shown"
+    for bounds, said in (({"table": 2.5}, False), ({"table": 2.5, "illuminance": 2.5}, True)):
+        built = found(SOBOL, lambda cell, seed, b=bounds: all(severities(cell.condition).get(a, 0) < b[a] for a in b))
+        assert (unsure in combinations.sentences(built.policies[0], built.axes)[2]) == said
+
+
 def test_without_failures_nothing_is_claimed():
     built = found(SOBOL, lambda cell, seed: True)
     when, why, _ = combinations.sentences(built.policies[0], built.axes)
