@@ -1,11 +1,11 @@
-"""robosuite's adapter keeps the contract, in four tasks; `adapters check robosuite --all-tasks` checks all."""
+"""robosuite's adapter keeps the contract, in five tasks; `adapters check robosuite --all-tasks` checks all."""
 
 import pytest
 
 from robogauntlet.orchestrator.adapter_kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
-TASKS = ("Lift", "Door", "PickPlaceCan", "TwoArmLift@TwoPandas")
+TASKS = ("Lift", "Lift@Kinova3", "Door", "PickPlaceCan", "TwoArmLift@TwoPandas")
 IN_BINS = ("objects-box", "objects-move", "table-props", "table-paint", "table-height")
 IN_BINS += ("axis-object-position", "axis-table", "axis-distractors")
 OF_ONE_ARM = ("objects-box", "objects-move", "table-height", "axis-object-position")

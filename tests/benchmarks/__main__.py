@@ -25,6 +25,7 @@ BENCHMARKS = (
 LONG = (
     *(
         "ablations",
+        "boundaries",
         "clusters_found",
         "command_start",
         "coverage",
@@ -44,6 +45,7 @@ INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = (
     *("arms", "merges", "more_experts", "more_experts_routing", "routers", "training_controls", "unknown_tasks"),
     *(
+        "doors",
         "shifted_routing",
         "libero_experts",
         "libero_merges",

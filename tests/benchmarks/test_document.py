@@ -9,7 +9,6 @@ import pytest
 
 from tests import ROOT
 from tests.benchmarks import (
-    arms,
     gpu_runs,
     libero_experts,
     libero_merges,
@@ -20,9 +19,7 @@ from tests.benchmarks import (
     more_experts_routing,
     oracles,
     shifted_routing,
-    so101,
     training_controls,
-    two_arms,
 )
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.operators import rows_of
@@ -330,57 +327,30 @@ def test_the_page_names_the_machines_that_played_the_controls():
     assert "the first eight rows on an Intel Xeon, the others on an AMD EPYC" in " ".join(page.split())
 
 
-def test_the_table_of_arms_counts_the_committed_episodes():
-    rows = json.loads((MEASUREMENTS / "arms.json").read_text(encoding="utf-8"))["rows"]
-    assert arms.rows_of(pd.read_parquet(MEASUREMENTS / "arms.parquet")) == rows
-
-
-def test_the_table_of_two_arms_counts_the_committed_episodes():
-    rows = json.loads((MEASUREMENTS / "two_arms.json").read_text(encoding="utf-8"))["rows"]
-    assert two_arms.rows_of(pd.read_parquet(MEASUREMENTS / "two_arms.parquet")) == rows
-
-
-def test_the_table_of_the_so101_counts_the_committed_episodes():
-    rows = json.loads((MEASUREMENTS / "so101.json").read_text(encoding="utf-8"))["rows"]
-    assert so101.rows_of(pd.read_parquet(MEASUREMENTS / "so101.parquet")) == rows
-
-
-def test_what_the_page_says_of_the_so101_beside_the_table_is_counted_in_its_rows():
-    rows = pd.read_parquet(MEASUREMENTS / "so101.parquet")
-    oracle, experts = (rows[rows.policy == policy] for policy in ("oracle", "experts"))
-    assert ((oracle.status == "success").sum(), len(oracle)) == (586, 600)
-    trained = experts[experts.task.isin(so101.TASKS)]
-    assert (trained.status == "failure").sum() == 18
-    assert (trained.failure == "misplaced").sum() == 14
-    others = experts[~experts.task.isin(so101.TASKS)]
-    assert others[others.status == "success"].task.tolist() == ["so101/Push-other-colours"] * 2
-    assert set(others[others.task == "so101/PickPlace-other-colours"].failure) == {"not-grasped"}
-    ties = rows[(rows.policy == "ties-s") & (rows.status == "success")]
-    assert (len(ties), (trained.status == "success").sum()) == (1, 42)
-
-
-def test_what_the_page_says_of_two_arms_beside_the_table_is_counted_in_its_rows():
-    rows = pd.read_parquet(MEASUREMENTS / "two_arms.parquet")
-    handed = rows[(rows.policy == "experts") & (rows.task == two_arms.TASKS[1])]
-    assert handed.status.value_counts().to_dict() == {"failure": 38, "success": 12}
-    assert (handed.failure == "misplaced").sum() == 33
-    unlabelled = rows[(rows.policy == "magnitude-2-self-trained") & (rows.task == two_arms.TASKS[3])]
-    assert (unlabelled.inferred_task == two_arms.TASKS[1]).sum() == 42
-
-
-def test_what_the_page_says_of_arms_beside_the_table_is_counted_in_its_rows():
-    rows = pd.read_parquet(MEASUREMENTS / "arms.parquet")
-    failures = rows[(rows.policy == "experts") & (rows.task == "robosuite/Door@Kinova3") & (rows.status == "failure")]
-    assert failures.failure.tolist() == ["misplaced"] * 10
-    routed = rows[(rows.policy == "ta-s-averaged-trunk-paper-coded") & (rows.setting == "one skill")]
-    assert routed.inferred_task.tolist() == ["robosuite/Lift@UR5e"] * 200
-
-
 def test_what_the_zoo_s_experts_keep_in_the_screening_is_counted_in_its_rows():
     rows = pd.read_parquet(ROOT / "docs/reports/screening/episodes.parquet")
     kept = (rows[(rows.policy == "experts") & (rows.severity == 2)].status == "success").mean()
     page = (ROOT / "docs/robustness.md").read_text(encoding="utf-8")
     assert f"the zoo's nine experts keep {kept:.0%} over all axes".replace("%", " %") in page
+
+
+def test_the_page_says_how_much_of_an_experts_episode_its_behaviour_takes():
+    rows = json.loads((MEASUREMENTS / "behaviour_cost.json").read_text(encoding="utf-8"))["rows"]
+    share = {
+        profile: [row["share"] for row in rows if f"`{profile}`" in row["policy"]] for profile in ("fast", "fast-2")
+    }
+    assert max(share["fast"]) < 0.02
+    said = f"less than 2 % with the profile `fast`, and up to {max(share['fast-2']):.2%} with `fast-2`"
+    assert said in (ROOT / "docs/failures.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", ["docs/robustness.md", "docs/reports/why-lift/README.md"])
+def test_which_delays_the_oracle_of_lift_solves_is_counted_in_the_rows_of_the_screening(page):
+    rows = pd.read_parquet(ROOT / "docs/reports/screening/episodes.parquet")
+    lift = rows[(rows.policy == "oracle") & (rows.task == "robosuite/Lift") & (rows.axis == "action-delay")]
+    assert lift.groupby("severity").status.apply(list).to_dict() == {2: ["success"] * 10, 4: ["failure"] * 10}
+    text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
+    assert "Lift's oracle solves all ten episodes at severity 2 of `action-delay` (100 ms)" in text
 
 
 @pytest.mark.parametrize("instruction", ["read", "hidden"])

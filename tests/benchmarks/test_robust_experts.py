@@ -1,4 +1,4 @@
-"""What the page says of robust experts and of merging under shift is counted in the committed rows."""
+"""What the page says of robust experts, worst cases and merging under shift is counted in the committed rows."""
 
 import json
 
@@ -6,8 +6,13 @@ import pandas as pd
 import pytest
 
 from tests import ROOT
-from tests.benchmarks import equal_budget, merging_under_shift, robust_experts
+from tests.benchmarks import boundaries, equal_budget, merging_under_shift, robust_experts
 from tests.benchmarks.document import MEASUREMENTS
+
+
+def test_the_boundaries_of_the_shipped_experts_are_those_of_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "boundaries.json").read_text(encoding="utf-8"))["rows"]
+    assert boundaries.rows_of(pd.read_parquet(MEASUREMENTS / "boundaries.parquet")) == rows
 
 
 def test_sentences_about_robust_experts_say_the_committed_rows():

@@ -1,0 +1,54 @@
+"""What the pages say of arms, of two arms and of the SO-101 is counted in the committed rows."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from tests.benchmarks import arms, doors, so101, two_arms
+from tests.benchmarks.document import MEASUREMENTS
+
+
+@pytest.mark.parametrize("benchmark", [arms, doors, so101, two_arms], ids=lambda module: module.__name__.split(".")[-1])
+def test_the_table_counts_the_committed_episodes(benchmark):
+    name = benchmark.__name__.split(".")[-1]
+    rows = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))["rows"]
+    assert benchmark.rows_of(pd.read_parquet(MEASUREMENTS / f"{name}.parquet")) == rows
+
+
+def test_what_the_page_says_of_the_so101_beside_the_table_is_counted_in_its_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "so101.parquet")
+    oracle, experts = (rows[rows.policy == policy] for policy in ("oracle", "experts"))
+    assert ((oracle.status == "success").sum(), len(oracle)) == (586, 600)
+    trained = experts[experts.task.isin(so101.TASKS)]
+    assert (trained.status == "failure").sum() == 18
+    assert (trained.failure == "misplaced").sum() == 14
+    others = experts[~experts.task.isin(so101.TASKS)]
+    assert others[others.status == "success"].task.tolist() == ["so101/Push-other-colours"] * 2
+    assert set(others[others.task == "so101/PickPlace-other-colours"].failure) == {"not-grasped"}
+    ties = rows[(rows.policy == "ties-s") & (rows.status == "success")]
+    assert (len(ties), (trained.status == "success").sum()) == (1, 42)
+
+
+def test_what_the_page_says_of_two_arms_beside_the_table_is_counted_in_its_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "two_arms.parquet")
+    handed = rows[(rows.policy == "experts") & (rows.task == two_arms.TASKS[1])]
+    assert handed.status.value_counts().to_dict() == {"failure": 38, "success": 12}
+    assert (handed.failure == "misplaced").sum() == 33
+    unlabelled = rows[(rows.policy == "magnitude-2-self-trained") & (rows.task == two_arms.TASKS[3])]
+    assert (unlabelled.inferred_task == two_arms.TASKS[1]).sum() == 42
+
+
+def test_what_the_page_says_of_doors_beside_the_table_is_counted_in_its_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "doors.parquet")
+    failed = rows[rows.status == "failure"]
+    assert failed.task.str.partition("@")[2].value_counts().to_dict() == {"Jaco": 8, "Kinova3": 4, "IIWA": 1}
+    assert set(failed.failure) == {"misplaced"}
+
+
+def test_what_the_page_says_of_arms_beside_the_table_is_counted_in_its_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "arms.parquet")
+    failures = rows[(rows.policy == "experts") & (rows.task == "robosuite/Door@Kinova3") & (rows.status == "failure")]
+    assert failures.failure.tolist() == ["misplaced"] * 10  # of 50, as docs/robosuite.md says beside its table
+    routed = rows[(rows.policy == "ta-s-averaged-trunk-paper-coded") & (rows.setting == "one skill")]
+    assert routed.inferred_task.tolist() == ["robosuite/Lift@UR5e"] * 200
