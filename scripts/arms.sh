@@ -3,7 +3,7 @@
 # makes those of the Panda. Finished parts are skipped and stopped ones continue, so the same command goes on after any
 # interruption. `ARMS=FOLDER python -m tests.benchmarks arms` merges and plays them, `doors` plays those of DOORS, which
 # have twice the demonstrations and steps.
-# Usage: scripts/arms.sh [FOLDER] [TASK...]   (default runs/arms, the tasks below and DOORS). Takes two hours on two cores.
+# Usage: scripts/arms.sh [FOLDER] [TASK...]   (default runs/arms, the tasks below and DOORS). Takes three hours on two cores.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."

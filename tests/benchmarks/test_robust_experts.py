@@ -13,6 +13,13 @@ from tests.benchmarks.document import MEASUREMENTS
 def test_the_boundaries_of_the_shipped_experts_are_those_of_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "boundaries.json").read_text(encoding="utf-8"))["rows"]
     assert boundaries.rows_of(pd.read_parquet(MEASUREMENTS / "boundaries.parquet")) == rows
+    tested = {row["boundary"]: [row[task] for task in boundaries.TASKS] for row in rows if "tested" in row["boundary"]}
+    confirmed = {what: [cell.endswith(", breaks") for cell in cells] for what, cells in tested.items()}
+    assert confirmed["camera-bump, tested"] == [False, False, True]
+    assert tested["camera-bump, tested"][2].startswith("camera-bump@4.7: ")
+    page = (ROOT / "docs/robustness.md").read_text(encoding="utf-8")
+    assert f"{sum(map(sum, confirmed.values()))} of {sum(map(len, confirmed.values()))} claims are confirmed" in page
+    assert not any(cells[0] for cells in confirmed.values())
 
 
 def test_sentences_about_robust_experts_say_the_committed_rows():
