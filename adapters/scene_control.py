@@ -159,6 +159,10 @@ class TableControl(Protocol):
     table_height: float
     """Of the table's surface (m)."""
 
+    @property
+    def table_edges(self) -> FloatArray:
+        """Smallest and largest x and y of the surface, shape (2, 2) (m)."""
+
     def show(self, props: Sequence[Prop]) -> None:
         """Show these props instead of the previous ones. They take no part in physics."""
 

@@ -208,6 +208,13 @@ def _check_roles(suite: Suite) -> Iterator[Mistake]:
     gate: list[Mistake] = [(("oracle_gate",), suite.oracle_gate)] if suite.oracle_gate is not None else []
     baselines = [(("no_skill_baselines", i), name) for i, name in enumerate(suite.no_skill_baselines)]
     sides = [entry.places() for entry in (suite.merging, suite.compare) if entry]
+    if suite.needs is not None:
+        for i, name in enumerate(known):
+            if name not in suite.reference_policies:
+                yield (
+                    ("policies", i),
+                    f"'{name}': expected none but those of oracle_gate and no_skill_baselines beside needs: policy",
+                )
     for place, name in chain(gate, baselines, *sides):
         if name not in known:
             yield place, f"{place[0]} names no policy of this suite: '{name}'{did_you_mean(name, known)}"

@@ -215,7 +215,7 @@ class Suite(_Model):
     name: Name
     description: Text = ""
     needs: Literal["policy"] | None = None
-    """`policy` for a suite without policies of its own, which is run with `--policy`."""
+    """`policy` for a suite that is run with `--policy`; its own policies are `reference_policies` at most."""
     policies: tuple[PolicyEntry, ...] = Field(default=(), max_length=MAX_ENTRIES, validate_default=True)
     tasks: tuple[Text, ...] = Field(min_length=1, max_length=MAX_ENTRIES)
     """`simulator/task`, or a pattern such as `maniskill/*`."""
@@ -275,9 +275,12 @@ class Suite(_Model):
                 raise PydanticKnownError("missing")
             if value == []:
                 raise PydanticKnownError("too_short", {"field_type": "Tuple", "min_length": 1, "actual_length": 0})
-        elif value != ():
-            raise ValueError("expected none beside needs: policy")
         return value
+
+    @property
+    def reference_policies(self) -> tuple[str, ...]:
+        """Names of the oracle gate and the baselines without skill, against which the others are measured."""
+        return (*([self.oracle_gate] if self.oracle_gate is not None else []), *self.no_skill_baselines)
 
     @property
     def comparison(self) -> CompareEntry | None:

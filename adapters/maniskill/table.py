@@ -50,11 +50,25 @@ class ManiSkillTable:
         import sapien
 
         self._uncover()
-        table = self._env.scene.actors[TABLE]._objs[0].find_component_by_type(sapien.render.RenderBodyComponent)
-        low, high = table.compute_global_aabb_tight()[:, :2]
+        low, high = self._corners()[:, :2]
         turn = Rotation.from_quat(wxyz_to_xyzw(self._base_from_world.inv().q)).as_euler("zyx")[0]
         plane = _plane(low, high, texture, quarters=round(turn / (np.pi / 2)))
         self._sheet = self._drawn(plane, sapien.Pose([0.0, 0.0, ABOVE]), "paint")
+
+    @property
+    def table_edges(self) -> FloatArray:
+        """Smallest and largest x and y of the surface, shape (2, 2) (m)."""
+        import sapien
+
+        corners = [(self._base_from_world * sapien.Pose(corner)).p[:2] for corner in self._corners()]
+        return np.sort(np.asarray(corners, dtype=np.float64), axis=0)
+
+    def _corners(self) -> FloatArray:
+        """Smallest and largest coordinates of the table in the world, shape (2, 3) (m)."""
+        import sapien
+
+        table = self._env.scene.actors[TABLE]._objs[0].find_component_by_type(sapien.render.RenderBodyComponent)
+        return np.asarray(table.compute_global_aabb_tight())
 
     def _uncover(self) -> None:
         if self._sheet is not None:

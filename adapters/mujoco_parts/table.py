@@ -30,6 +30,8 @@ class MujocoTable:
         self._table, self._own_material = table.id, int(table.matid[0])
         top = physics.data.geom(TABLE).xpos + np.array([0.0, 0.0, table.size[2]])
         self.table_height = float(physics.from_world(top)[2])
+        corners = [physics.from_world(top + sign * np.array([*table.size[:2], 0.0]))[:2] for sign in (-1.0, 1.0)]
+        self.table_edges = np.sort(corners, axis=0)
         self._props: list[Any] = []
 
     def undo(self) -> None:

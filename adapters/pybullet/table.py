@@ -31,6 +31,7 @@ class PyBulletTable:
         self._extent = size[:2]
         self._surface = float(self._centre[2] + size[2] / 2.0)
         self.table_height = self._surface - float(BASE_IN_WORLD[2])
+        self.table_edges = self._centre[:2] - BASE_IN_WORLD[:2] + np.array([[-0.5], [0.5]]) * self._extent
         self._props: list[int] = []
         self._covers: list[int] = []
         self._textures: dict[tuple[int, bytes], int] = {}

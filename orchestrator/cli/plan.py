@@ -71,7 +71,7 @@ def plan(
     asked = Asked.from_options(width, detect, rate, discordance)
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()))
     planned = make_plan(find_suite(suite), part=part, require_installed=False, start=check)
-    if not planned.suite.policies:
+    if planned.suite.needs is not None:
         raise BadInput(needs_policy(planned.path))
     done: Outcomes = {}
     if out_folder is not None and out_folder.is_file():

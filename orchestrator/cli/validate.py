@@ -48,9 +48,9 @@ def validate(
 
 def _notes(plan: Plan) -> Iterator[str]:
     """What is missing in the suite or on this machine."""
-    if not plan.suite.policies:
+    if plan.suite.needs is not None:
         suite = plan.suite
-        episodes = len(suite.tasks) * len(suite.all_conditions()) * suite.seeds.count
+        episodes = len(suite.tasks) * len(suite.all_conditions()) * suite.seeds.count * (1 + len(suite.policies))
         yield f"needs a policy, to play {counted(episodes, 'episode')}; add --policy to robogauntlet run"
     for simulator, reason in plan.unavailable.items():
         yield f"simulator {simulator}: {reason}"

@@ -31,9 +31,9 @@ OBJECT_RADIUS = 0.03
 """Radius of a task's object (m)."""
 WINDOW = np.array([0.22, 0.28])
 """Largest distance of a prop from the aim point of the third-person camera (m): x, y."""
-DRAWS = 400
+DRAWS, MOST_DRAWS = 400, 8000
 WIDENING = 1.25
-"""Factor of the window after `DRAWS` draws."""
+"""Factor of the window after `DRAWS` draws; after `MOST_DRAWS`, the table counts as full."""
 MIN_X = 0.2
 """Smallest distance of a prop from the robot's base, forwards (m)."""
 
@@ -84,23 +84,27 @@ class Distractors(PerturbedTable):
         return self._checked(len(self._control.shown())), {"covered": self._changed_share(pairs)}
 
     def _drawn_props(self) -> list[Prop]:
+        """Props that stand on the table; raises NotDelivered if it has no room for them."""
         state = self.simulation.privileged_state()
         objects = [
             where[:2] for name, where in state.items() if name.endswith("_position") and not is_of_second_arm(name)
         ]
         cameras = self._required(self.scene_controls.cameras, "cameras be read")
         aim = aim_point(cameras.viewpoint(THIRD_PERSON), self._control.table_height)[:2]
-        generator, window = self.generator, WINDOW
+        generator, window, (low, high) = self.generator, WINDOW, self._control.table_edges
         props: list[Prop] = []
         draws = 0
         while len(props) < self.level:
+            if draws == MOST_DRAWS:
+                raise self._not_delivered(f"the table has no room for {self.level:g} props, only for {len(props)}")
             size, yaw = generator.uniform(*SIZES), generator.uniform(0.0, math.pi)
             form = list(Form)[generator.integers(len(Form))]
             place = aim + window * generator.uniform(-1.0, 1.0, 2)
             draws += 1
             if draws % DRAWS == 0:
                 window = window * WIDENING
-            if place[0] < MIN_X or not _is_free(place, size, objects, props):
+            on_table = (place >= low + size / 2).all() and (place <= high - size / 2).all()
+            if place[0] < MIN_X or not on_table or not _is_free(place, size, objects, props):
                 continue
             colours = TASK_COLOURS if len(props) % 2 == 0 else OTHER_COLOURS
             colour = colours[generator.integers(len(colours))]

@@ -180,7 +180,7 @@ def make_plan(
         others = find_policies(rest, EnvironmentResolver(rest.environments), start=start)
         raise SuiteError([*error.problems, *others.problems(path, _text(path, text))], rest) from None
     whole, part = add_policies(loaded, part, path)
-    if require_installed and not whole.policies:
+    if require_installed and whole.needs is not None:
         raise PlanError(needs_policy(path))
     try:
         suite = part.apply_to(whole)
@@ -215,12 +215,12 @@ def make_plan(
     without = {(gap.axis, gap.task) for gap in unsupported}
     cells = tuple(
         cell
-        for cell in suite.cells(names, digests)
+        for cell in (suite.cells(names, digests) if suite.needs is None else ())
         if not any((part.axis, cell.task) in without for part in cell.condition.perturbations)
     )
-    suite_hash = NO_POLICY if not digests else UNKNOWN
+    suite_hash = UNKNOWN if suite.needs is None else NO_POLICY
     is_fitted = not (fit and found.unchecked)
-    if digests and is_fitted and all(source.digest for source in sources.values()):
+    if suite.needs is None and is_fitted and all(source.digest for source in sources.values()):
         suite_hash = suite.content_hash(digests, names)
     simulator_names = dict.fromkeys(cell.simulator for cell in cells)
     return Plan(

@@ -288,8 +288,7 @@ class RunSession:
         from robogauntlet.results.analysis.combinations import cluster_failures
 
         plan, skipped = self._plan, self._observer.skipped_simulators
-        baselines = (plan.suite.oracle_gate, *plan.suite.no_skill_baselines)
-        evaluated = [name for name in plan.sources if name not in baselines]
+        evaluated = [name for name in plan.sources if name not in plan.suite.reference_policies]
         snapshots = condition_snapshots(plan.cells, plan.suite.seeds.start)
         in_clusters = cluster_failures(self._document, self._store.results)
         pending = pending_media(self._folder, self._store.results, evaluated, snapshots, in_clusters)

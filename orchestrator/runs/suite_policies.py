@@ -87,7 +87,9 @@ def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite,
                 f"--policy {text}: another policy has the name '{entry.name}' too; name them in a suite file"
             )
         chosen.append(entry.name)
-    if added := [entry for name, entry in entries.items() if name not in {policy.name for policy in suite.policies}]:
+    own = [policy.name for policy in suite.policies]
+    if added := [entry for name, entry in entries.items() if name not in own]:
+        chosen += own if suite.needs else []
         listed = (*suite.policies, *with_options(added, part.options))
         suite = suite.model_copy(update={"policies": listed, "needs": None})
     elif part.options:
@@ -195,7 +197,8 @@ def _find_without_start(
 
 def _fitted(suite: Suite, spec: PolicySpec) -> Suite:
     """The suite in the image size of its only policy, without the tasks in which the policy cannot act."""
-    size = spec.image_size if len(suite.policies) == 1 else None
+    others = [policy for policy in suite.policies if policy.name not in suite.reference_policies]
+    size = spec.image_size if len(others) == 1 else None
     if size is not None and SMALLEST_IMAGE <= size <= LARGEST_IMAGE:
         suite = suite.model_copy(update={"image_size": size})
     return of_tasks(suite, spec.can_act_in)

@@ -127,7 +127,7 @@ def build_combinations(document: RunDocument, frame: pd.DataFrame) -> Combinatio
         return None
     axes = _axes(document.suite.design, conditions)
     eligible = select_eligible(document, frame)
-    excluded = {document.suite.oracle_gate, *document.suite.no_skill_baselines}
+    excluded = document.suite.reference_policies
     found = []
     for policy in dict.fromkeys(cell.policy for cell in document.plan if cell.policy not in excluded):
         own = [cell for cell in document.plan if cell.policy == policy]

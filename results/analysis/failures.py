@@ -119,7 +119,7 @@ def build_failures(document: RunDocument, frame: pd.DataFrame) -> Failures | Non
         table["policy"] = [names.get(digest, name) for digest, name in policies]
     conditions = _conditions(document, counts["axis"])
     by_task = list(conditions) == [CLEAN]
-    left_out = {document.suite.oracle_gate, *document.suite.no_skill_baselines}
+    left_out = document.suite.reference_policies
     found = []
     for policy in dict.fromkeys([*names.values(), *counts["policy"]]):
         own = counts[counts["policy"] == policy]

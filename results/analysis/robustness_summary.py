@@ -88,7 +88,7 @@ class RobustnessSummary:
 
 def build_robustness_summary(document: RunDocument, eligible: EligibleEpisodes) -> RobustnessSummary | None:
     """Summarise all axes for every policy except oracle gate and no-skill baselines; None without perturbed levels."""
-    excluded = (document.suite.oracle_gate, *document.suite.no_skill_baselines)
+    excluded = document.suite.reference_policies
     rows: list[SummaryRow] = []
     agreement: list[AgreementRow] = []
     for policy in dict.fromkeys(cell.policy for cell in document.plan if cell.policy not in excluded):

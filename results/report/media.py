@@ -108,11 +108,7 @@ def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budg
     recorded = recorded.loc[recorded["status"].astype(str).isin([Status.SUCCESS, Status.FAILURE])]
     recorded = recorded.assign(perturbed=recorded["axis"].astype(str) != CLEAN)
     recorded = recorded.sort_values(["perturbed", "severity", "axis", "seed", "task"], kind="stable")
-    excluded = {
-        cell.policy_digest
-        for cell in document.plan
-        if cell.policy in (document.suite.oracle_gate, *document.suite.no_skill_baselines)
-    }
+    excluded = {cell.policy_digest for cell in document.plan if cell.policy in document.suite.reference_policies}
 
     def videos(chosen: pd.DataFrame) -> list[Video]:
         found = [_video(row, names, files) for row in chosen.itertuples(index=False)]

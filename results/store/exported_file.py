@@ -207,7 +207,7 @@ def _plan_fault(document: RunDocument) -> str | None:
     if not all(text.isprintable() for text in texts):
         return "a name in its plan has control characters"
     sides = [name for entry in (suite.merging, suite.compare) if entry is not None for _, name in entry.places()]
-    named = {*sides, *suite.no_skill_baselines, *filter(None, [suite.oracle_gate])}
+    named = {*sides, *suite.reference_policies}
     if not named <= names:
         return f"its suite compares policy '{min(named - names)}', which it does not play"
     if any(environment.interpreter is not None for environment in suite.environments.values()):

@@ -65,7 +65,10 @@ OTHERS = {
         "[x]": "expected a valid string, found a list",
         TEXT: "expected at most 10000 characters, found text",
     },
-    "needs": {"robot": "expected 'policy', found 'robot'", "policy": "expected none beside needs: policy"},
+    "needs": {
+        "robot": "expected 'policy', found 'robot'",
+        "policy": "expected none but those of oracle_gate and no_skill_baselines",
+    },
     "policies": {
         "[]": "expected at least one entry, found an empty list",
         "random": "expected a list, found text ('random')",
@@ -300,7 +303,7 @@ ELSEWHERE = [
     Case(
         "plan suite.yaml --width 5 --out nope", "nope: expected a run of the suite, whose episodes say what to assume"
     ),
-    Case("plan free.yaml", "expected none beside needs: policy", {"free.yaml": suite(needs="policy")}),
+    Case("plan free.yaml", "beside needs: policy\nbeside needs: policy", {"free.yaml": suite(needs="policy")}),
     Case("plan free.yaml", "free.yaml: the suite needs a policy; add --policy with", {"free.yaml": FREE}),
     Case("run free.yaml --out new", "free.yaml: the suite needs a policy; add --policy with", {"free.yaml": FREE}),
     Case(

@@ -78,7 +78,7 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
     observer.on_results = lambda rows: None  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open_file(Path(folder) / "episodes.sqlite", "scale")
-        clock = Clock()
+        clock = Clock(time.perf_counter)
         pool = SimulatedWorkerPool(seconds, clock, event_s=event_s, wait_s=wait_s)
         Scheduler(work_queues(work, 3), pool, options, store.add, observer, now=clock).run()
         makespan, computed = clock(), clock.computed + pool.charged_s

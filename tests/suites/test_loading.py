@@ -206,8 +206,9 @@ def test_a_suite_lists_policies_or_needs_one(problems, tmp_path):
         "5: horizon: expected a valid integer, found text ('long')",
     ]
     assert problems(SOUND + "needs: policy\n") == [
-        "2: policies: expected none beside needs: policy, found a list",
+        "2: 'oracle': expected none but those of oracle_gate and no_skill_baselines beside needs: policy",
     ]
+    assert load(tmp_path, SOUND + "needs: policy\noracle_gate: oracle\n").reference_policies == ("oracle",)
     assert problems(SOUND.replace("policies: [oracle]\n", "")) == ["1: missing key 'policies'"]
     assert problems(SOUND.replace("policies: [oracle]", "needs: policies")) == [
         "1: missing key 'policies'",

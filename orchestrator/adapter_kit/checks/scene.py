@@ -161,7 +161,7 @@ def table_paint(subject: CheckedTask, table: TableControl) -> Iterator[Violation
     yield from _expect_state(subject, state, "the same state with another paint")
 
 
-@check("table-height", look="`scene_controls.table.table_height` (base frame, m)")
+@check("table-height", look="`table_height` and `table_edges` of `scene_controls.table` (base frame, m)")
 def table_height(subject: CheckedTask) -> Iterator[Violation]:
     """Objects stand on the table."""
     table, objects = offered(subject, "table"), offered(subject, "objects")
@@ -173,6 +173,12 @@ def table_height(subject: CheckedTask) -> Iterator[Violation]:
     lowest = min(names, key=lambda name: heights[name])
     height = heights[lowest]
     yield from expect(height > 0.0, f"the centre of {lowest} above the table", f"{height:+.3f} m")
+    low, high = np.asarray(table.table_edges, dtype=np.float64)
+    for name in names:
+        place = state[f"{name}_position"][:2]
+        inside = ((low < place) & (place < high)).all()
+        found = f"{np.round(place, 3).tolist()}, edges {np.round([low, high], 3).tolist()}"
+        yield from expect(inside, f"{name} between the table's edges", found)
     if height > TALLEST / 2.0:
         raise NotApplicable(f"{lowest}, {height:.3f} m above table_height, is not a small object that stands there")
 

@@ -31,6 +31,7 @@ class Scene:
     drift = 1
     """Difference between consecutive images, in one corner."""
     table_height = 0.0
+    table_edges = np.array([[-0.2, -0.4], [1.0, 0.4]])
 
     def __init__(self):
         self.inner = open_simulation("null/Reach", View())

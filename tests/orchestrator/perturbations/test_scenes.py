@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.adapters.contract import AdapterError, NotDelivered
 from robogauntlet.adapters.photometry import difference, linear
 from robogauntlet.adapters.scene_control import DynamicsFactors, Light, SceneControls, Unreachable
 from robogauntlet.orchestrator.episodes.rollout import rollout
@@ -20,6 +20,7 @@ from robogauntlet.orchestrator.perturbations.physics import distance_from
 from robogauntlet.orchestrator.perturbations.table_and_distractors import PATTERNS, painted, pattern
 from robogauntlet.policies.contract import PolicyInput
 from robogauntlet.suites.axes import AXES, Changes
+from tests.errors import one_line_error
 from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import TABLE, Scene, begin, episode
 
@@ -136,6 +137,27 @@ def test_distractors_have_the_levels_number_keep_clear_of_objects_and_half_have_
                 assert np.linalg.norm(prop.position[:2] - state[f"{thing}_position"][:2]) >= reach
             ends = (state[f"{thing}_position"][:2] for thing in ("cube", "other"))
             assert table_and_distractors.distance_to_segment(prop.position[:2], *ends) >= reach
+
+
+class StripOfTable(Scene):
+    """Its table is a strip at the side of the third-person camera's aim."""
+
+    table_edges = np.array([[0.3, 0.2], [0.7, 0.5]])
+
+
+def test_distractors_stand_on_a_table_that_is_a_strip_at_the_side():
+    scene, _ = begin("distractors", 5, scene=StripOfTable())
+    low, high = scene.table_edges
+    for prop in scene.props:
+        assert (prop.position[:2] >= low + prop.size / 2).all()
+        assert (prop.position[:2] <= high - prop.size / 2).all()
+
+
+def test_a_table_without_room_for_the_distractors_is_not_delivered():
+    scene = Scene()
+    scene.table_edges = np.array([[0.3, 0.2], [0.45, 0.35]])
+    with one_line_error(NotDelivered, "the table has no room for 10 props, only for [1-4]$"):
+        begin("distractors", 5, scene=scene)
 
 
 @severities

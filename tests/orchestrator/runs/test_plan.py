@@ -7,7 +7,7 @@ from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.runs import suite_policies
 from robogauntlet.orchestrator.runs.plan import NO_POLICY, find_suite, make_plan, why_impossible, why_unadjusted
 from robogauntlet.orchestrator.runs.plan import fitted as fitted_lines
-from robogauntlet.orchestrator.runs.suite_policies import one_of_each_body
+from robogauntlet.orchestrator.runs.suite_policies import PlanError, one_of_each_body
 from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
@@ -174,6 +174,25 @@ def test_several_policies_play_the_tasks_in_which_all_can_act_in_the_images_of_t
     assert fitted(suite_file, "zero", "replay") == (everything[1:], everything[:1], {224})
     with pytest.raises(SuiteError, match="the policy was made for 96 px images, the suite renders 224 px"):
         fitted(suite_file, "zero", "zoo:experts")
+
+
+GATED = NEEDS + "policies: [oracle]\noracle_gate: oracle\nseeds: {count: 2}\nimage_size: 224\n"
+
+
+def test_the_oracle_gate_of_a_suite_that_needs_a_policy_is_played_beside_it(suite_file):
+    plan = make_plan(suite_file(GATED), part=SuiteSelection(("zoo:experts",)))
+    assert [policy.name for policy in plan.suite.policies] == ["oracle", "zoo-experts"]
+    assert plan.suite.oracle_gate == "oracle"
+    assert {cell.protocol.view.image_size for cell in plan.cells} == {96}
+    assert plan.left_out == ("null/Reach",)
+
+
+@pytest.mark.parametrize("policies", [(), ("oracle",)])
+def test_the_oracle_gate_alone_is_no_policy_of_a_suite_that_needs_one(suite_file, policies):
+    with one_line_error(PlanError, "the suite needs a policy; add --policy with"):
+        make_plan(suite_file(GATED), part=SuiteSelection(policies))
+    plan = make_plan(suite_file(GATED), part=SuiteSelection(policies), require_installed=False)
+    assert (plan.suite_hash, plan.episodes) == (NO_POLICY, 0)
 
 
 def test_what_is_changed_to_fit_a_policy_is_a_line_each(suite_file):
