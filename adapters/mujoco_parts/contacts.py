@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 
 _ROBOT, _OBJECT = 1, 4
@@ -26,11 +25,12 @@ class MujocoContacts:
         robot_roots = [roots[model.body(base).id] for base in bases]
         object_roots = [roots[model.body(name).id] for name in objects]
         root = roots[model.geom_bodyid]
-        self._weights = _ROBOT * np.isin(root, robot_roots) + _OBJECT * np.isin(root, object_roots)
+        weights = _ROBOT * np.isin(root, robot_roots) + _OBJECT * np.isin(root, object_roots)
+        self._weights: list[int] = weights.tolist()
         of_arm = np.isin(roots[model.jnt_bodyid], robot_roots) & (model.jnt_limited != 0)
         of_arm[[model.joint(name).id for name in fingers]] = False
         self._joints = model.jnt_qposadr[of_arm]
-        self._low, self._high = model.jnt_range[of_arm].T
+        self._limits: list[tuple[float, float]] = model.jnt_range[of_arm].tolist()
         self._force = np.zeros(6)
 
     def contact_force(self) -> float:
@@ -38,14 +38,14 @@ class MujocoContacts:
         mujoco, model, data = self._physics.mujoco, self._physics.model, self._physics.data
         if not data.ncon:
             return 0.0
-        touching = np.flatnonzero(self._weights[data.contact.geom].sum(axis=1) == _ROBOT)
-        total = 0.0
-        for contact in touching.tolist():
-            mujoco.mj_contactForce(model, data, contact, self._force)
-            total += float(self._force[0])
+        total, weights = 0.0, self._weights
+        for contact, (one, other) in enumerate(data.contact.geom.tolist()):
+            if weights[one] + weights[other] == _ROBOT:
+                mujoco.mj_contactForce(model, data, contact, self._force)
+                total += float(self._force[0])
         return total
 
     def joint_margin(self) -> float:
         """Return the smallest distance of the arm's joints from their limits, negative beyond one (rad)."""
-        joints: FloatArray = self._physics.data.qpos[self._joints]
-        return float(np.minimum(joints - self._low, self._high - joints).min())
+        joints = self._physics.data.qpos[self._joints].tolist()
+        return min(min(q - low, high - q) for q, (low, high) in zip(joints, self._limits, strict=True))

@@ -17,17 +17,24 @@ class Fingers(Protocol):
     def positions(self) -> FloatArray:
         """Return the distances of the fingers from where they meet, shape (2,) (m)."""
 
+    def opening(self) -> float:
+        """Return the distance between the fingers (m)."""
+
 
 class SlidingFingers:
     """Fingers on slides, whose joint positions are the distances."""
 
     def __init__(self, physics: MujocoPhysics, joints: Sequence[str]) -> None:
         """Take the names of the two joints."""
-        self._joints = [physics.data.joint(name) for name in joints]
+        self._qpos = [physics.data.joint(name).qpos for name in joints]
 
     def positions(self) -> FloatArray:
         """Return the distances, shape (2,) (m)."""
-        return np.abs([joint.qpos[0] for joint in self._joints])
+        return np.abs([qpos[0] for qpos in self._qpos])
+
+    def opening(self) -> float:
+        """Return the distance between the fingers (m)."""
+        return sum(abs(float(qpos[0])) for qpos in self._qpos)
 
 
 class Pads:
@@ -55,4 +62,8 @@ class Pads:
 
     def positions(self) -> FloatArray:
         """Return the distances, shape (2,) (m)."""
-        return np.full(2, max(0.0, self.gap() - self.closed) / 2.0)
+        return np.full(2, self.opening() / 2.0)
+
+    def opening(self) -> float:
+        """Return the distance between the fingers (m)."""
+        return max(0.0, self.gap() - self.closed)

@@ -153,7 +153,7 @@ class MujocoSimulation(BaseSimulation):
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return the tool, these positions and joint values, contacts and joint limits."""
-        self._refresh()
+        self._mujoco.mj_kinematics(self._model, self._data)
         base = self._physics.base
         origin, axes = base.xpos, base.xmat.reshape(3, 3)
 
@@ -164,7 +164,7 @@ class MujocoSimulation(BaseSimulation):
 
         return Motion(
             tool=value("tcp_position"),
-            opening=float(sum(self._arms[0].fingers.positions())),
+            opening=self._arms[0].fingers.opening(),
             entries=tuple(map(value, entries)),
             contact_force=self._contacts.contact_force(),
             joint_margin=self._contacts.joint_margin(),

@@ -255,7 +255,9 @@ class Scheduler(Generic[Result]):
         """The simulator that an idle slot should serve: the same as before while it has episodes waiting."""
         if slot.bound or (slot.worker and self.work[slot.simulator].waiting) or not self._waiting:
             return slot.simulator
-        backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
+        # The expected time of no episodes may be a rounding error above 0.
+        waiting = {name: source for name, source in self.work.items() if source.waiting}
+        backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in waiting.items()}
         return next_simulator(backlogs, self.start_s) or ""
 
     def _process_events(self) -> None:

@@ -21,6 +21,7 @@ from robogauntlet.results.statistics.sensitivity import Sensitivity, sobol_indic
 from robogauntlet.suites.axes import AXES, SEVERITIES
 from robogauntlet.suites.designs import DesignEntry
 from robogauntlet.suites.episode import CLEAN, Condition, content_hash
+from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,6 +73,8 @@ class PolicyCombinations:
     sensitivity: Sensitivity | None
     why_no_sensitivity: str
     """Empty if there is one."""
+    base_points_left_out: int
+    """Of the design: those at which a start state has no verdict, so that the indices do not have them."""
     clusters: tuple[Cluster, ...]
     """By lift."""
 
@@ -173,7 +176,7 @@ def _of_policy(
     unit = np.unique(np.column_stack([tasks, seeds]), axis=0, return_inverse=True)[1].reshape(-1)
     generator = np.random.default_rng(int(content_hash(["combinations", policy, simulator]), 16))
     clusters = failure_clusters(severities, won < 0.5, seeds, axes, generator, groups=tasks)
-    sensitivity, reason = _sensitivity(played, axes, conditions, eligible, design)
+    sensitivity, left_out, reason = _sensitivity(played, axes, conditions, eligible, design)
     point = np.unique(severities, axis=0, return_inverse=True)[1].reshape(-1)
     clean = eligible.verdicts([cell for cell in cells if cell.axis == CLEAN])
     clean_won = (clean["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
@@ -191,6 +194,7 @@ def _of_policy(
         pair=_pair(axes, severities, won, clusters, sensitivity),
         sensitivity=sensitivity,
         why_no_sensitivity=reason,
+        base_points_left_out=left_out,
         clusters=clusters,
     )
 
@@ -252,14 +256,15 @@ def _sensitivity(
     conditions: Sequence[Condition],
     eligible: EligibleEpisodes,
     design: DesignEntry | None,
-) -> tuple[Sensitivity | None, str]:
-    """Sobol' indices over all episodes with a verdict, or the reason why there are none.
+) -> tuple[Sensitivity | None, int, str]:
+    """Sobol' indices, the number of base points that they leave out, and the reason if there are none.
 
-    Each task and seed counts as a seed, if it has a verdict at every point. Seeds that an oracle gate rejects count
-    too, since indices need the same seeds at all points.
+    Each task and seed counts as a seed. Indices need the same seeds at all points: the two or more seeds, of those with
+    the fewest episodes without a verdict, that leave the most episodes at base points where all of them have one.
+    Seeds that an oracle gate rejects count too.
     """
     if design is None or design.kind != "sobol":
-        return None, "indices need a suite with design: {kind: sobol}"
+        return None, 0, "indices need a suite with design: {kind: sobol}"
     places = {condition: i for i, condition in enumerate(dict.fromkeys(conditions))}
     units: dict[tuple[str, int], NDArray[np.float64]] = {}
     for cell in cells:
@@ -267,16 +272,25 @@ def _sensitivity(
         for seed, status in zip(rows["seed"], rows["status"], strict=True):
             column = units.setdefault((cell.task, int(seed)), np.full(len(places), np.nan))
             column[places[cell.condition]] = str(status) == Status.SUCCESS
-    complete = [column for _, column in sorted(units.items()) if not np.isnan(column).any()]
-    points = len(conditions) // (len(axes) + 2)
-    if len(complete) < 2 or points < 2:
-        return None, (
-            f"indices need two base points, and two start states with a verdict at each of {len(places)} conditions; "
-            f"there are {points} and {len(complete)}"
+    rows_of_point, order = len(axes) + 2, [places[condition] for condition in conditions]
+    points = len(conditions) // rows_of_point
+    columns = sorted((column[order] for column in units.values()), key=lambda column: int(np.isnan(column).sum()))
+    kept = np.empty((0, rows_of_point, 0))
+    for count in range(2, len(columns) + 1):
+        table = np.stack(columns[:count], axis=1).reshape(points, rows_of_point, count)
+        whole = table[~np.isnan(table).any(axis=(1, 2))]
+        kept = whole if whole.size >= kept.size else kept
+    if len(kept) < 2:
+        return (
+            None,
+            0,
+            (
+                "indices need two base points at which two start states have a verdict under each condition; "
+                f"there are {counted(len(kept), 'base point')}"
+            ),
         )
-    stacked = np.stack(complete, axis=1)[[places[condition] for condition in conditions]]
-    found = sobol_indices(stacked.reshape(points, len(axes) + 2, len(complete)), axes)
-    return found, "" if found.axes else "success is not shown to depend on the axes"
+    found = sobol_indices(kept, axes)
+    return found, points - len(kept), "" if found.axes else "success is not shown to depend on the axes"
 
 
 def _agreements(policies: Sequence[PolicyCombinations]) -> list[IndexAgreement]:

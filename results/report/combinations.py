@@ -67,6 +67,9 @@ def _how_sure(found: PolicyCombinations) -> str:
         parts.append(
             f"the axes explain {share} of the variance of one episode, the rest is its task, start state and chance"
         )
+    if by_total(found) and found.base_points_left_out:
+        points = formatting.counted(found.base_points_left_out, "base point")
+        parts.append(f"the indices leave out {points} with an episode without a verdict")
     if _first_is_open(by_total(found)):
         parts.append("which axis matters most is not shown")
     counts = f"{formatting.counted(found.episodes, 'episode')} at {formatting.counted(found.points, 'point')}"

@@ -22,6 +22,25 @@ class MovesTheBall(Variant):
         self._world.ball[:2] += offset
 
 
+class OnATable(MovesTheBall):
+    """Correct."""
+
+    table_height = 0.0
+    table_edges = np.array([[0.2, -0.4], [1.0, 0.4]])
+
+    def __init__(self, view):
+        super().__init__(view)
+        self.scene_controls = SceneControls(cameras=self._cameras, objects=self, table=self)
+
+
+class TableOnTheLeft(OnATable):
+    table_edges = np.array([[0.2, 0.5], [1.0, 1.3]])
+
+
+class TableAbove(OnATable):
+    table_height = 0.3
+
+
 class TooSmallABox(MovesTheBall):
     high = np.array([0.55, 0.12])
 

@@ -84,6 +84,8 @@ VIOLATIONS = [
         "objects-box",
         "ball to be put anywhere in a box of (0.500, 0.240) m; seen: 12 seeds spread over (0.1",
     ),
+    ("tableontheleft", "table-height", "ball between the table's edges; seen: ["),
+    ("tableabove", "table-height", "the centre of ball above the table; seen: -0."),
     ("slidesundeclared", "objects-box", "ball between (0.400, -0.120) m and (0.600, 0.120) m; seen: from (0.4"),
     ("rollsaway", "objects-move", "ball to stay at rest there; seen: it drifts by [0.006"),
     ("goalmisspelt", "goal", "to: an entry of the privileged state, ball_position, finger_positions, tcp_position"),
@@ -131,6 +133,7 @@ def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, ch
     special = {
         "objects-box": "movestheball",
         "objects-move": "movestheball",
+        "table-height": "onatable",
         "culling": "culls",
         "motion": "moves",
         "action-joints": "jointsarecorrect",

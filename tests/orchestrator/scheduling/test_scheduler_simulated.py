@@ -208,6 +208,15 @@ def test_the_last_simulator_gets_a_second_worker_for_its_last_twenty_episodes():
     assert pool.clock() < 42.0
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_simulator_that_is_done_keeps_no_worker_from_the_others(seed):
+    """Sums of expected times, of which each played episode is subtracted, end near 0 and not always at it."""
+    random = Random(seed)
+    pool = TimelinePool(lambda episode: random.uniform(0.5, 1.5), Clock(), start_s=STARTUP_S)
+    play(work({("a/1", "p"): 20, ("a/1", "q"): 20, ("b/1", "p"): 200}), pool, lambda: 2)
+    assert max(workers["b"] for _, workers, _ in pool.timeline) == 2
+
+
 def test_the_last_episode_of_a_dead_worker_is_left_to_the_others():
     fates = iter(["dies"])
     pool = TimelinePool(

@@ -102,7 +102,7 @@ def test_simulators_are_compared_by_their_total_indices():
     ("design", "seeds", "why"),
     [
         (SPREAD, 4, "indices need a suite with design: {kind: sobol}"),
-        ({**SOBOL, "points": 2}, 1, "indices need two base points, and two start states with a verdict at each of"),
+        ({**SOBOL, "points": 2}, 1, "indices need two base points at which two start states have a verdict"),
     ],
 )
 def test_missing_indices_have_a_reason(design, seeds, why):
@@ -111,13 +111,28 @@ def test_missing_indices_have_a_reason(design, seeds, why):
     assert one.why_no_sensitivity.startswith(why)
 
 
-def test_a_seed_with_an_error_is_left_out_of_the_indices_only():
+def with_errors(fails):
+    """By the table alone; with errors where this is true of a cell's number and the seed."""
     run, rows = played(SOBOL, lambda cell, seed: severities(cell.condition).get("table", 0) < 2.5, tasks=TASKS[:1])
-    failed = row(next(c for c in cells(("a",), TASKS[:1], SOBOL_CONDITIONS)), 0, "error")
-    rows = [failed if r.episode_id == failed.episode_id else r for r in rows]
+    planned = enumerate(cells(("a",), TASKS[:1], SOBOL_CONDITIONS))
+    errors = [row(cell, seed, "error") for number, cell in planned for seed in range(SEEDS) if fails(number, seed)]
+    failed = {error.episode_id: error for error in errors}
+    rows = [failed.get(r.episode_id, r) for r in rows]
     (one,) = build_combinations(run, columns_of(rows, combinations.COLUMNS)).policies
-    assert one.episodes == len(rows) - SEEDS - 1
+    assert one.episodes == len(rows) - SEEDS - len(failed)
+    return one
+
+
+def test_a_seed_with_many_errors_is_left_out_of_the_indices_only():
+    one = with_errors(lambda number, seed: seed == 1 and number % 3 == 0)
+    assert one.base_points_left_out == 0
     assert one.sensitivity.axes[0].total.value == pytest.approx(1, abs=0.01)
+
+
+def test_a_base_point_with_an_error_is_left_out_of_the_indices_only():
+    one = with_errors(lambda number, seed: (number, seed) in ((1, 0), (2, 3)))
+    assert one.base_points_left_out == 1
+    assert one.sensitivity.axes[0].total.value == pytest.approx(1, abs=0.05)
 
 
 SOBOL_CONDITIONS = DesignEntry.model_validate(SOBOL).conditions()
