@@ -98,13 +98,15 @@ class Distractors(PerturbedTable):
             if draws == MOST_DRAWS:
                 raise self._not_delivered(f"the table has no room for {self.level:g} props, only for {len(props)}")
             size, yaw = generator.uniform(*SIZES), generator.uniform(0.0, math.pi)
+            radius = size / math.sqrt(2)
             form = list(Form)[generator.integers(len(Form))]
-            place = aim + window * generator.uniform(-1.0, 1.0, 2)
+            centre, half = _part_on_table(aim, window, low, high)
+            place = centre + half * generator.uniform(-1.0, 1.0, 2)
             draws += 1
             if draws % DRAWS == 0:
                 window = window * WIDENING
-            on_table = (place >= low + size / 2).all() and (place <= high - size / 2).all()
-            if place[0] < MIN_X or not on_table or not _is_free(place, size, objects, props):
+            on_table = (place >= low + radius).all() and (place <= high - radius).all()
+            if place[0] < MIN_X or not on_table or not _is_free(place, radius, objects, props):
                 continue
             colours = TASK_COLOURS if len(props) % 2 == 0 else OTHER_COLOURS
             colour = colours[generator.integers(len(colours))]
@@ -112,9 +114,17 @@ class Distractors(PerturbedTable):
         return props
 
 
-def _is_free(place: FloatArray, size: float, objects: list[FloatArray], props: list[Prop]) -> bool:
-    """Whether a prop of that size fits there. The lines between objects stay free, as tasks visit one after another."""
-    radius = size / math.sqrt(2)
+def _part_on_table(
+    aim: FloatArray, window: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Centre and half sides (2,) of the part of a window about the aim point that is on the table (m)."""
+    start, end = np.maximum(aim - window, low), np.minimum(aim + window, high)
+    is_cut = (start > aim - window) | (end < aim + window)
+    return np.where(is_cut, (start + end) / 2.0, aim), np.where(is_cut, (end - start) / 2.0, window)
+
+
+def _is_free(place: FloatArray, radius: float, objects: list[FloatArray], props: list[Prop]) -> bool:
+    """Whether a prop fits there. The lines between objects stay free, as tasks visit one after another."""
     lines = zip(objects, objects[1:] or objects, strict=False)
     if any(distance_to_segment(place, start, end) < CLEARANCE + radius + OBJECT_RADIUS for start, end in lines):
         return False

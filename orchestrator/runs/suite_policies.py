@@ -89,8 +89,10 @@ def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite,
         chosen.append(entry.name)
     own = [policy.name for policy in suite.policies]
     if added := [entry for name, entry in entries.items() if name not in own]:
-        chosen += own if suite.needs else []
         listed = (*suite.policies, *with_options(added, part.options))
+        if suite.needs is not None:
+            chosen += own
+            listed = (*listed[len(own) :], *suite.policies)
         suite = suite.model_copy(update={"policies": listed, "needs": None})
     elif part.options:
         raise BadInput("--option: expected --policy with a policy that the suite lacks, to which the option belongs")
@@ -107,8 +109,8 @@ def find_policies(
         environments: The environments of policies.
         start: Whether to import code that the suite names, contact its servers and start interpreters.
         ask: Whether to ask functions once.
-        fit: Whether the suite takes the image size that its only policy names, and leaves out tasks in which one of its
-            policies cannot act.
+        fit: Whether the suite leaves out tasks in which one of its policies cannot act, and takes the image size of the
+            only one that is no reference policy, which then comes first.
     """
     sources: dict[str, PolicySource] = {}
     unchecked: dict[str, str] = {}
@@ -165,7 +167,7 @@ def _find(
         spec = policies.spec(entry.kind, options) if policy is None else policy.spec
     except PolicyNotInstalled as error:
         return source, str(error), suite
-    suite = _fitted(suite, spec) if fit else suite
+    suite = _fitted(suite, entry, spec) if fit else suite
     _check_fit(spec, suite)
     if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
         for task in one_of_each_body(suite.tasks):
@@ -190,15 +192,15 @@ def _find_without_start(
     except PolicyNotInstalled as error:
         digest, spec, reason = kind.digest(entry.options) if digest is None else digest, None, str(error)
     if spec is not None:
-        suite = _fitted(suite, spec) if fit else suite
+        suite = _fitted(suite, entry, spec) if fit else suite
         _check_fit(spec, suite)
     return PolicySource(entry.kind, entry.options, digest), reason, suite
 
 
-def _fitted(suite: Suite, spec: PolicySpec) -> Suite:
-    """The suite in the image size of its only policy, without the tasks in which the policy cannot act."""
-    others = [policy for policy in suite.policies if policy.name not in suite.reference_policies]
-    size = spec.image_size if len(others) == 1 else None
+def _fitted(suite: Suite, entry: PolicyEntry, spec: PolicySpec) -> Suite:
+    """The suite without the tasks in which a policy cannot act, in its image size if no other is measured."""
+    measured = [policy.name for policy in suite.policies if policy.name not in suite.reference_policies]
+    size = spec.image_size if measured == [entry.name] else None
     if size is not None and SMALLEST_IMAGE <= size <= LARGEST_IMAGE:
         suite = suite.model_copy(update={"image_size": size})
     return of_tasks(suite, spec.can_act_in)

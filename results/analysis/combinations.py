@@ -21,7 +21,6 @@ from robogauntlet.results.statistics.sensitivity import Sensitivity, sobol_indic
 from robogauntlet.suites.axes import AXES, SEVERITIES
 from robogauntlet.suites.designs import DesignEntry
 from robogauntlet.suites.episode import CLEAN, Condition, content_hash
-from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,7 +73,9 @@ class PolicyCombinations:
     why_no_sensitivity: str
     """Empty if there is one."""
     base_points_left_out: int
-    """Of the design: those at which a start state has no verdict, so that the indices do not have them."""
+    """Base points of the design that the indices leave out, since a start state has no verdict there."""
+    start_states_left_out: int
+    """Start states that they leave out, since they have no verdict at too many points."""
     clusters: tuple[Cluster, ...]
     """By lift."""
 
@@ -176,7 +177,7 @@ def _of_policy(
     unit = np.unique(np.column_stack([tasks, seeds]), axis=0, return_inverse=True)[1].reshape(-1)
     generator = np.random.default_rng(int(content_hash(["combinations", policy, simulator]), 16))
     clusters = failure_clusters(severities, won < 0.5, seeds, axes, generator, groups=tasks)
-    sensitivity, left_out, reason = _sensitivity(played, axes, conditions, eligible, design)
+    sensitivity, (points_out, states_out), reason = _sensitivity(played, axes, conditions, eligible, design)
     point = np.unique(severities, axis=0, return_inverse=True)[1].reshape(-1)
     clean = eligible.verdicts([cell for cell in cells if cell.axis == CLEAN])
     clean_won = (clean["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
@@ -194,7 +195,8 @@ def _of_policy(
         pair=_pair(axes, severities, won, clusters, sensitivity),
         sensitivity=sensitivity,
         why_no_sensitivity=reason,
-        base_points_left_out=left_out,
+        base_points_left_out=points_out,
+        start_states_left_out=states_out,
         clusters=clusters,
     )
 
@@ -256,15 +258,14 @@ def _sensitivity(
     conditions: Sequence[Condition],
     eligible: EligibleEpisodes,
     design: DesignEntry | None,
-) -> tuple[Sensitivity | None, int, str]:
-    """Sobol' indices, the number of base points that they leave out, and the reason if there are none.
+) -> tuple[Sensitivity | None, tuple[int, int], str]:
+    """Sobol' indices, the base points and the start states that they leave out, and the reason if there are none.
 
-    Each task and seed counts as a seed. Indices need the same seeds at all points: the two or more seeds, of those with
-    the fewest episodes without a verdict, that leave the most episodes at base points where all of them have one.
-    Seeds that an oracle gate rejects count too.
+    Each task and seed counts as a seed. Episodes that an oracle gate rejects count too, since indices need the same
+    seeds at all points.
     """
     if design is None or design.kind != "sobol":
-        return None, 0, "indices need a suite with design: {kind: sobol}"
+        return None, (0, 0), "indices need a suite with design: {kind: sobol}"
     places = {condition: i for i, condition in enumerate(dict.fromkeys(conditions))}
     units: dict[tuple[str, int], NDArray[np.float64]] = {}
     for cell in cells:
@@ -272,25 +273,25 @@ def _sensitivity(
         for seed, status in zip(rows["seed"], rows["status"], strict=True):
             column = units.setdefault((cell.task, int(seed)), np.full(len(places), np.nan))
             column[places[cell.condition]] = str(status) == Status.SUCCESS
-    rows_of_point, order = len(axes) + 2, [places[condition] for condition in conditions]
-    points = len(conditions) // rows_of_point
-    columns = sorted((column[order] for column in units.values()), key=lambda column: int(np.isnan(column).sum()))
-    kept = np.empty((0, rows_of_point, 0))
-    for count in range(2, len(columns) + 1):
-        table = np.stack(columns[:count], axis=1).reshape(points, rows_of_point, count)
-        whole = table[~np.isnan(table).any(axis=(1, 2))]
-        kept = whole if whole.size >= kept.size else kept
-    if len(kept) < 2:
-        return (
-            None,
-            0,
-            (
-                "indices need two base points at which two start states have a verdict under each condition; "
-                f"there are {counted(len(kept), 'base point')}"
-            ),
-        )
+    order = [places[condition] for condition in conditions]
+    outcomes = [column[order].reshape(-1, len(axes) + 2) for _, column in sorted(units.items())]
+    kept = _largest_complete(outcomes)
+    if kept is None:
+        return None, (0, 0), "indices need two base points at which two start states have a verdict at every condition"
     found = sobol_indices(kept, axes)
-    return found, points - len(kept), "" if found.axes else "success is not shown to depend on the axes"
+    left_out = (len(outcomes[0]) - len(kept), len(outcomes) - kept.shape[2])
+    return found, left_out, "" if found.axes else "success is not shown to depend on the axes"
+
+
+def _largest_complete(outcomes: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | None:
+    """Outcomes without NaN, shape (points, rows, units), of as many episodes as possible; None without two of each.
+
+    `outcomes` has an array (points, rows) for each unit. Units with the most points that have a NaN are left out first.
+    """
+    units = sorted(outcomes, key=lambda unit: int(np.isnan(unit).any(axis=1).sum()))
+    tables = [np.stack(units[:count], axis=2) for count in range(2, len(units) + 1)]
+    complete = [table[~np.isnan(table).any(axis=(1, 2))] for table in tables]
+    return max((table for table in complete if len(table) > 1), key=np.size, default=None)
 
 
 def _agreements(policies: Sequence[PolicyCombinations]) -> list[IndexAgreement]:

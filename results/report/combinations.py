@@ -67,9 +67,10 @@ def _how_sure(found: PolicyCombinations) -> str:
         parts.append(
             f"the axes explain {share} of the variance of one episode, the rest is its task, start state and chance"
         )
-    if by_total(found) and found.base_points_left_out:
-        points = formatting.counted(found.base_points_left_out, "base point")
-        parts.append(f"the indices leave out {points} with an episode without a verdict")
+    left_out = {"base point": found.base_points_left_out, "start state": found.start_states_left_out}
+    if any(left_out.values()):
+        named = _listed([formatting.counted(number, noun) for noun, number in left_out.items() if number])
+        parts.append(f"the indices leave out {named} with episodes without a verdict")
     if _first_is_open(by_total(found)):
         parts.append("which axis matters most is not shown")
     counts = f"{formatting.counted(found.episodes, 'episode')} at {formatting.counted(found.points, 'point')}"

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters.camera_geometry import looking_at
 from robogauntlet.adapters.contract import AdapterError, NotDelivered
 from robogauntlet.adapters.photometry import difference, linear
 from robogauntlet.adapters.scene_control import DynamicsFactors, Light, SceneControls, Unreachable
@@ -140,17 +141,25 @@ def test_distractors_have_the_levels_number_keep_clear_of_objects_and_half_have_
 
 
 class StripOfTable(Scene):
-    """Its table is a strip at the side of the third-person camera's aim."""
+    """Like robosuite's Door: its table is a strip at the side of where the third-person camera aims."""
 
-    table_edges = np.array([[0.3, 0.2], [0.7, 0.5]])
+    table_edges = np.array([[-0.04, -0.5], [0.76, -0.2]])
+
+    def __init__(self):
+        super().__init__()
+        aim = np.array([0.18, 0.0, 0.0])
+        self.viewpoints["third_person"] = looking_at(aim + 0.6, aim, 0.7)
+        self.things = {"cube": np.array([0.36, -0.35, 0.1]), "other": np.array([0.42, -0.25, 0.1])}
 
 
 def test_distractors_stand_on_a_table_that_is_a_strip_at_the_side():
-    scene, _ = begin("distractors", 5, scene=StripOfTable())
-    low, high = scene.table_edges
-    for prop in scene.props:
-        assert (prop.position[:2] >= low + prop.size / 2).all()
-        assert (prop.position[:2] <= high - prop.size / 2).all()
+    for seed in range(30):
+        scene, _ = begin("distractors", 5, seed=seed, scene=StripOfTable())
+        low, high = scene.table_edges
+        assert len(scene.props) == 10
+        for prop in scene.props:
+            assert (prop.position[:2] >= low + prop.size / math.sqrt(2)).all()
+            assert (prop.position[:2] <= high - prop.size / math.sqrt(2)).all()
 
 
 def test_a_table_without_room_for_the_distractors_is_not_delivered():

@@ -181,7 +181,7 @@ GATED = NEEDS + "policies: [oracle]\noracle_gate: oracle\nseeds: {count: 2}\nima
 
 def test_the_oracle_gate_of_a_suite_that_needs_a_policy_is_played_beside_it(suite_file):
     plan = make_plan(suite_file(GATED), part=SuiteSelection(("zoo:experts",)))
-    assert [policy.name for policy in plan.suite.policies] == ["oracle", "zoo-experts"]
+    assert [policy.name for policy in plan.suite.policies] == ["zoo-experts", "oracle"]
     assert plan.suite.oracle_gate == "oracle"
     assert {cell.protocol.view.image_size for cell in plan.cells} == {96}
     assert plan.left_out == ("null/Reach",)

@@ -125,13 +125,20 @@ def with_errors(fails):
 
 def test_a_seed_with_many_errors_is_left_out_of_the_indices_only():
     one = with_errors(lambda number, seed: seed == 1 and number % 3 == 0)
-    assert one.base_points_left_out == 0
+    assert (one.base_points_left_out, one.start_states_left_out) == (0, 1)
     assert one.sensitivity.axes[0].total.value == pytest.approx(1, abs=0.01)
+
+
+def test_two_base_points_that_two_seeds_share_have_indices():
+    rows = len(SOBOL["axes"]) + 2
+    one = with_errors(lambda number, seed: number // rows > 1 or (number // rows == 1 and seed > 1))
+    assert one.sensitivity is not None
+    assert one.start_states_left_out == SEEDS - 2
 
 
 def test_a_base_point_with_an_error_is_left_out_of_the_indices_only():
     one = with_errors(lambda number, seed: (number, seed) in ((1, 0), (2, 3)))
-    assert one.base_points_left_out == 1
+    assert (one.base_points_left_out, one.start_states_left_out) == (1, 0)
     assert one.sensitivity.axes[0].total.value == pytest.approx(1, abs=0.05)
 
 
