@@ -67,7 +67,7 @@ OTHERS = {
     },
     "needs": {
         "robot": "expected 'policy', found 'robot'",
-        "policy": "expected none but those of oracle_gate and no_skill_baselines",
+        "policy": "'random': expected none but those of oracle_gate\n'zero': expected none but those of oracle_gate",
     },
     "policies": {
         "[]": "expected at least one entry, found an empty list",
