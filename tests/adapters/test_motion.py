@@ -65,6 +65,47 @@ def test_joints_come_nearer_to_their_limits_when_the_arm_stretches(task):
     assert min(motion.joint_margin for motion in stretched) < here
 
 
+@pytest.mark.parametrize("task", ["robosuite/Lift", "robosuite/Lift@Jaco"])
+def test_motion_equals_to_the_bit_what_arrays_of_mujoco_say(task):
+    simulation = open_simulation(task, VIEW)
+    simulation.reset(0)
+    data, contacts = simulation._data, simulation._contacts
+    low, high = np.array(contacts._limits).T
+    forces = []
+    for _ in range(40):
+        simulation.step(np.array([0.0, 0.0, -0.05, 0.0, 0.0, 0.0, 1.0]))
+        motion, joints, force, total = simulation.motion(()), data.qpos[contacts._joints], np.zeros(6), 0.0
+        for contact in np.flatnonzero(np.array(contacts._weights)[data.contact.geom].sum(axis=1) == 1):
+            simulation._mujoco.mj_contactForce(simulation._model, data, contact, force)
+            total += force[0]
+        assert motion.contact_force == total
+        assert motion.joint_margin == np.minimum(joints - low, high - joints).min()
+        assert motion.opening == simulation.privileged_state()["finger_positions"].sum()
+        assert (motion.tool == simulation.motion(("tcp_position",)).entries[0]).all()
+        forces.append(total)
+    simulation.close()
+    assert max(forces) > 0.0  # the hand is pressed onto the table
+
+
+@pytest.mark.simulator
+def test_motion_equals_to_the_bit_what_all_points_of_sapien_say():
+    simulation = open_simulation("maniskill/PushCube-v1", VIEW)
+    simulation.reset(0)
+    physics, links = simulation._env.scene.px, {link.entity.name for link in simulation._contacts._robots[0].links}
+    touchable, forces = links | {entity.name for entity in simulation._objects.values()}, []
+    for _ in range(40):
+        simulation.step(np.array([0.0, 0.0, -0.05, 0.0, 0.0, 0.0, 1.0]))
+        total = 0.0
+        for contact in physics.get_contacts():
+            names = {body.entity.name for body in contact.bodies}
+            if names & links and not names <= touchable:
+                total += sum(abs(float(point.impulse @ point.normal)) for point in contact.points)
+        assert simulation.motion(()).contact_force == total / physics.timestep
+        forces.append(total)
+    simulation.close()
+    assert max(forces) > 0.0
+
+
 def test_a_simulation_without_a_motion_of_its_own_is_read_by_its_state():
     simulation = open_simulation("null/Reach", View())
     simulation.reset(3)
