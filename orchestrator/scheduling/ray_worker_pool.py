@@ -137,6 +137,11 @@ class RayWorkerPool:
         self._workers[worker] = None
         return worker
 
+    def has_room(self) -> bool:
+        """Whether a core is free on any node. A worker that has been placed occupies its cores before it runs."""
+        with self._pool_errors():
+            return ray.available_resources().get("CPU", 0.0) > 0.0
+
     def wait(self, timeout_s: float) -> Sequence[RayWorker]:
         """Return the workers that have an event."""
         by_pending = {id(worker.pending): worker for worker in self._workers if worker.pending is not None}

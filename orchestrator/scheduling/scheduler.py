@@ -27,7 +27,9 @@ LOAD_ALLOWANCE_S = 180.0
 RECYCLE_AFTER = 5000
 """Episodes after which a worker is replaced, because renderers leak memory."""
 GROW_S = 5.0
-"""Time between two checks of how many workers fit."""
+"""Time between two checks of how many workers fit, and of which of them have found room."""
+ROOM_S = 10.0
+"""Time for a worker to find room before its slot tries another simulator (s)."""
 START_ATTEMPTS = 3
 """Consecutive workers that may die while they open a simulator before the simulator is skipped. Those that started
 before the latest of these deaths do not count: with a node, all workers on it die."""
@@ -88,6 +90,8 @@ class _Slot:
     worker: worker_pool.Worker | None = None
     running: bool = False
     """Whether its worker has a process; before, Ray may still search for a node."""
+    without_room: set[str] = field(default_factory=set)
+    """Simulators whose workers have found no room since the last that did."""
     lease: Lease | None = None
     finished: int = 0
     """Episodes of the lease that are finished."""
@@ -198,6 +202,17 @@ class Scheduler(Generic[Result]):
         self._add([_Slot("", number, bound=False) for number in numbers])
         for source in self.work.values():
             source.workers = len(self._slots)
+        self._free_slots_without_room()
+
+    def _free_slots_without_room(self) -> None:
+        """End workers that wait for room, such as on the only node with their simulator, while a core is idle."""
+        for slot in self._slots:
+            waits = slot.worker is not None and not slot.running and self.now() - slot.activity_began > ROOM_S
+            others = {name for name, source in self.work.items() if source.waiting} - {slot.simulator}
+            if waits and others and self.pool.has_room():
+                tried = slot.without_room if others - slot.without_room else set()
+                slot.without_room = tried | {slot.simulator}
+                self._discard(slot)
 
     def _add(self, slots: Sequence[_Slot]) -> None:
         self._slots += slots
@@ -258,7 +273,8 @@ class Scheduler(Generic[Result]):
         # The expected time of no episodes may be a rounding error above 0.
         waiting = {name: source for name, source in self.work.items() if source.waiting}
         backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in waiting.items()}
-        return next_simulator(backlogs, self.start_s) or ""
+        untried = {name: backlog for name, backlog in backlogs.items() if name not in slot.without_room}
+        return next_simulator(untried, self.start_s) or next_simulator(backlogs, self.start_s) or ""
 
     def _process_events(self) -> None:
         """Wait briefly for events and handle them."""
@@ -279,6 +295,7 @@ class Scheduler(Generic[Result]):
         match event:
             case worker_pool.Started():
                 slot.running, slot.started_at = True, self.now()
+                slot.without_room.clear()
             case Readiness():
                 self._mark_idle(slot)
                 slot.open_task = slot.opening

@@ -64,6 +64,9 @@ class WorkerPool(Protocol):
     def start(self, name: str, simulator: str, first: Cell) -> Worker:
         """Start a worker that opens the cell's task first. Returns immediately."""
 
+    def has_room(self) -> bool:
+        """Whether resources are free, which a worker of some simulator may find."""
+
     def wait(self, timeout_s: float) -> Sequence[Worker]:
         """Return the workers that have an event, as soon as there are any.
 

@@ -127,6 +127,9 @@ class SimulatedWorkerPool:
     def close(self):
         assert not self.alive, "workers still run"
 
+    def has_room(self):
+        return False
+
     def start(self, name, simulator, first):
         worker = SimulatedWorker(self, name)
         self.alive.add(worker)

@@ -242,6 +242,39 @@ def test_a_run_does_not_wait_for_workers_that_have_nothing_to_play():
     assert pool.clock() < 100.0
 
 
+class ClusterPool(SimulatedWorkerPool):
+    """Three cores, of which the third can open `b` only. A worker that finds no free core does not start."""
+
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        self.core, self.most_taken = {}, 0
+
+    @property
+    def taken(self):
+        return {self.core[worker] for worker in self.alive if worker in self.core}
+
+    def has_room(self):
+        return len(self.taken) < 3
+
+    def start(self, name, simulator, first):
+        free = [core for core in {"a": [1, 2], "b": [2, 1, 3]}[simulator] if core not in self.taken]
+        worker = super().start(name, simulator, first)
+        if free:
+            self.core[worker] = free[0]
+        else:
+            self._events = [event for event in self._events if event[2] is not worker]
+        self.most_taken = max(self.most_taken, len(self.taken))
+        return worker
+
+
+def test_no_core_idles_while_a_worker_of_a_simulator_that_it_lacks_waits_for_room():
+    pool = ClusterPool(lambda episode: 1.0, Clock())
+    rows, observer = play(work({("a/1", "p"): 300, ("b/1", "p"): 300}), pool, lambda: 3)
+    assert Counter(row.simulator for row in rows) == {"a": 300, "b": 300}
+    assert pool.most_taken == 3
+    assert not observer.warnings
+
+
 def test_no_more_workers_run_than_memory_allows():
     pool = timeline(lambda: 1, episodes=30)
     assert max(workers.total() for _, workers, _ in pool.timeline) == 1
