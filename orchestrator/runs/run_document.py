@@ -153,8 +153,11 @@ def _version(distribution: str) -> str | None:
 
 
 def _processor() -> str:
+    """Name and family. Virtual machines often hide the model, and families round differently."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+    fields = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in reversed(lines))}
+    name, family = fields.get("model name", platform.machine()), fields.get("cpu family")
+    return f"{name}, family {family}" if family else name
