@@ -123,15 +123,19 @@ class Placement:
         They are empty if no node lacked it so far, so that the actor may wait for one that joins, and if none can: then
         the actor itself reports why. A node that lacked it may come back after it is lost, while the actor waits.
         """
+        able = self.able(simulator)
+        lacking = any(reason for (_, name), reason in self._reasons.items() if name == simulator.name)
+        return {"label_selector": {"ray.io/node-id": f"in({','.join(able)})"}} if able and lacking else {}
+
+    def able(self, simulator: Simulator) -> list[str]:
+        """Ids of the living nodes that can open the simulator. A single node is not asked."""
         import ray
 
         nodes = [node["NodeID"] for node in ray.nodes() if node["Alive"]]
         if len(nodes) < 2 and not self._reasons:
-            return {}
+            return nodes
         self._ask([node for node in nodes if (node, simulator.name) not in self._reasons], simulator)
-        able = [node for node in nodes if self._reasons[node, simulator.name] is None]
-        lacking = any(reason for (_, name), reason in self._reasons.items() if name == simulator.name)
-        return {"label_selector": {"ray.io/node-id": f"in({','.join(able)})"}} if able and lacking else {}
+        return [node for node in nodes if self._reasons[node, simulator.name] is None]
 
     def _ask(self, nodes: list[str], simulator: Simulator) -> None:
         import ray

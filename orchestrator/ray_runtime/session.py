@@ -201,6 +201,12 @@ def check_room(key: str, options: Mapping[str, float]) -> None:
             )
 
 
+def workers_that_fit(free: Mapping[str, float], options: Mapping[str, float]) -> int:
+    """Number of Ray actors with these options, of which one at least is not 0, that fit into a node's resources."""
+    needed = {resource: options[option] for option, resource, *_ in _RESOURCES if options.get(option)}
+    return min(int(free.get(resource, 0.0) // amount) for resource, amount in needed.items())
+
+
 def check_alive(*, after_s: float = PROBE_S) -> None:
     """Check that Ray can be called: its own calls would wait forever.
 

@@ -153,11 +153,11 @@ def _version(distribution: str) -> str | None:
 
 
 def _processor() -> str:
-    """Name and family. Virtual machines often hide the model, and families round differently."""
+    """Name, family and model: virtual machines often have one name for several, and these round differently."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
     fields = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in reversed(lines))}
-    name, family = fields.get("model name", platform.machine()), fields.get("cpu family")
-    return f"{name}, family {family}" if family else name
+    name = fields.get("model name", platform.machine())
+    return f"{name} (family {fields['cpu family']}, model {fields['model']})" if "cpu family" in fields else name

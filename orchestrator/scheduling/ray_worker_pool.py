@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 import ray
+from ray._private.state import available_resources_per_node
 from ray.exceptions import RayActorError, RayError, RayTaskError
 
 from robogauntlet.adapters import catalog
@@ -19,7 +20,13 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement
-from robogauntlet.orchestrator.ray_runtime.session import RayLost, check_alive, check_room, with_temporary_folder
+from robogauntlet.orchestrator.ray_runtime.session import (
+    RayLost,
+    check_alive,
+    check_room,
+    with_temporary_folder,
+    workers_that_fit,
+)
 from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.orchestrator.scheduling.ray_worker import Job, Worker
 from robogauntlet.policies.contract import PolicyError
@@ -137,10 +144,13 @@ class RayWorkerPool:
         self._workers[worker] = None
         return worker
 
-    def has_room(self) -> bool:
-        """Whether a core is free on any node. A worker that has been placed occupies its cores before it runs."""
+    def room(self, simulator: str) -> int:
+        """Number of further workers of a simulator for which nodes with it have free resources."""
+        self.check(after_s=0.0)
+        options = self._resources.get(simulator, Resources()).ray_options()
         with self._pool_errors():
-            return ray.available_resources().get("CPU", 0.0) > 0.0
+            able, free = self._placement.able(catalog.find(simulator)), available_resources_per_node()
+        return sum(workers_that_fit(free.get(node, {}), options) for node in able)
 
     def wait(self, timeout_s: float) -> Sequence[RayWorker]:
         """Return the workers that have an event."""

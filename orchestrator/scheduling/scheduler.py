@@ -11,9 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
+from robogauntlet.orchestrator.episodes.lease import Readiness
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
 from robogauntlet.orchestrator.scheduling import worker_pool
+from robogauntlet.orchestrator.scheduling.slot import ROOM_S, Slot
 from robogauntlet.orchestrator.scheduling.work_queue import Outcome, Result, WorkSource, next_simulator
 from robogauntlet.results.live_status import LiveWorker
 from robogauntlet.results.record import Status, is_left_out
@@ -27,9 +28,7 @@ LOAD_ALLOWANCE_S = 180.0
 RECYCLE_AFTER = 5000
 """Episodes after which a worker is replaced, because renderers leak memory."""
 GROW_S = 5.0
-"""Time between two checks of how many workers fit, and of which of them have found room."""
-ROOM_S = 10.0
-"""Time for a worker to find room before its slot tries another simulator (s)."""
+"""Time between two checks of how many workers fit."""
 START_ATTEMPTS = 3
 """Consecutive workers that may die while they open a simulator before the simulator is skipped. Those that started
 before the latest of these deaths do not count: with a node, all workers on it die."""
@@ -79,48 +78,6 @@ class SchedulerOptions:
 
 
 @dataclass
-class _Slot:
-    """A place for one worker. It gets a new worker when the old one dies."""
-
-    simulator: str
-    """Empty if the slot may serve any simulator and has not chosen one yet."""
-    number: int
-    bound: bool = True
-    """Whether it always serves the same simulator."""
-    worker: worker_pool.Worker | None = None
-    running: bool = False
-    """Whether its worker has a process; before, Ray may still search for a node."""
-    without_room: set[str] = field(default_factory=set)
-    """Simulators whose workers have found no room since the last that did."""
-    lease: Lease | None = None
-    finished: int = 0
-    """Episodes of the lease that are finished."""
-    last_event_at: float = 0.0
-    activity_began: float = 0.0
-    open_task: str | None = None
-    loaded: set[str] = field(default_factory=set)
-    """Policies that its worker has loaded."""
-    played: int = 0
-    memory_bytes: int = 0
-    opening: str = ""
-    """The task that its worker opens at its start."""
-    started_at: float = 0.0
-    """Start of its worker."""
-
-    @property
-    def name(self) -> str:
-        return f"{self.simulator}-{self.number}"
-
-    def activity(self, since: float) -> LiveWorker:
-        """What its worker has been doing since this time (seconds since 1970)."""
-        text = "starts" if self.worker is not None and self.open_task is None else "waits"
-        if self.lease is not None:
-            cell, seeds = self.lease.cell, self.lease.seeds
-            text = f"{cell.policy} on {cell.task}, {cell.condition}, episode {self.finished + 1} of {len(seeds)}"
-        return LiveWorker(worker=self.name, simulator=self.simulator, activity=text, since=since)
-
-
-@dataclass
 class Scheduler(Generic[Result]):
     """Plays all given work. An instance is used once."""
 
@@ -135,9 +92,9 @@ class Scheduler(Generic[Result]):
     start_s: dict[str, float] = field(default_factory=dict)
     """Simulator to the time that its latest worker took from the start of its process to its first result."""
 
-    _slots: list[_Slot] = field(default_factory=list, init=False)
-    _idle: list[_Slot] = field(default_factory=list, init=False)
-    _busy: dict[int, _Slot] = field(default_factory=dict, init=False)
+    _slots: list[Slot] = field(default_factory=list, init=False)
+    _idle: list[Slot] = field(default_factory=list, init=False)
+    _busy: dict[int, Slot] = field(default_factory=dict, init=False)
     """Slots whose workers start or play, by the id of the worker."""
     _busy_counts: Counter[str] = field(default_factory=Counter, init=False)
     """Simulator to its number of busy slots."""
@@ -191,7 +148,7 @@ class Scheduler(Generic[Result]):
             return
         for name, source in self.work.items():
             source.workers = min(self.options.workers[name], source.waiting)
-            self._add([_Slot(name, number) for number in range(source.workers)])
+            self._add([Slot(name, number) for number in range(source.workers)])
 
     def _grow(self) -> None:
         """Add slots when more workers fit, unless the number of workers is given per simulator."""
@@ -199,22 +156,24 @@ class Scheduler(Generic[Result]):
             return
         self._grown_at = self.now()
         numbers = range(len(self._slots), max(1, self.options.workers()))
-        self._add([_Slot("", number, bound=False) for number in numbers])
+        self._add([Slot("", number, bound=False) for number in numbers])
         for source in self.work.values():
             source.workers = len(self._slots)
-        self._free_slots_without_room()
+        self._replace_workers_without_room()
 
-    def _free_slots_without_room(self) -> None:
-        """End workers that wait for room, such as on the only node with their simulator, while a core is idle."""
-        for slot in self._slots:
-            waits = slot.worker is not None and not slot.running and self.now() - slot.activity_began > ROOM_S
-            others = {name for name, source in self.work.items() if source.waiting} - {slot.simulator}
-            if waits and others and self.pool.has_room():
-                tried = slot.without_room if others - slot.without_room else set()
-                slot.without_room = tried | {slot.simulator}
-                self._discard(slot)
+    def _replace_workers_without_room(self) -> None:
+        """Give slots whose workers find only full nodes to simulators that other nodes have room for."""
+        waiting = [slot for slot in self._slots if slot.waits_for_room(self.now())]
+        room = {name: self.pool.room(name) for name, source in self.work.items() if source.waiting} if waiting else {}
+        for slot in waiting:
+            others = [name for name, workers in room.items() if workers > 0 and name != slot.simulator]
+            if room.get(slot.simulator, 0) > 0 or not (name := self._most_urgent(others)):
+                continue
+            self._discard(slot)
+            slot.next_simulator, slot.patience_s = name, 2 * slot.patience_s
+            room = {name: workers - 1 for name, workers in room.items()}  # they may share the node
 
-    def _add(self, slots: Sequence[_Slot]) -> None:
+    def _add(self, slots: Sequence[Slot]) -> None:
         self._slots += slots
         self._idle += slots
 
@@ -231,8 +190,10 @@ class Scheduler(Generic[Result]):
             if id(slot.worker) not in self._busy:
                 self._idle.append(slot)
 
-    def _assign(self, slot: _Slot) -> None:
+    def _assign(self, slot: Slot) -> None:
         """Start a worker in an idle slot, or lease episodes to its worker, if any episodes are waiting."""
+        if slot.worker is not None and self._needs_recycling(slot):
+            self._discard(slot)
         name = self._simulator_for(slot)
         if name != slot.simulator:
             self._discard(slot)
@@ -241,8 +202,6 @@ class Scheduler(Generic[Result]):
         if source is None or not source.waiting:
             self._discard(slot)  # another simulator's worker may wait for room
             return
-        if slot.worker is not None and self._needs_recycling(slot):
-            self._discard(slot)
         slot.last_event_at = slot.activity_began = self.now()
         if slot.worker is None:
             slot.worker, slot.opening = self.pool.start(slot.name, slot.simulator, source.first), source.first.task
@@ -253,28 +212,31 @@ class Scheduler(Generic[Result]):
             slot.worker.play(slot.lease)
             self._mark_busy(slot, slot.worker)
 
-    def _mark_busy(self, slot: _Slot, worker: worker_pool.Worker) -> None:
+    def _mark_busy(self, slot: Slot, worker: worker_pool.Worker) -> None:
         self._busy[id(worker)] = slot
         self._busy_counts[slot.simulator] += 1
 
-    def _mark_idle(self, slot: _Slot) -> None:
+    def _mark_idle(self, slot: Slot) -> None:
         if self._busy.pop(id(slot.worker), None) is not None:
             self._busy_counts[slot.simulator] -= 1
             self._idle.append(slot)
 
-    def _needs_recycling(self, slot: _Slot) -> bool:
+    def _needs_recycling(self, slot: Slot) -> bool:
         limit = self.options.resources.get(slot.simulator, Resources()).memory_bytes
         return slot.played >= RECYCLE_AFTER or (limit is not None and slot.memory_bytes > limit)
 
-    def _simulator_for(self, slot: _Slot) -> str:
+    def _simulator_for(self, slot: Slot) -> str:
         """The simulator that an idle slot should serve: the same as before while it has episodes waiting."""
-        if slot.bound or (slot.worker and self.work[slot.simulator].waiting) or not self._waiting:
-            return slot.simulator
+        chosen, slot.next_simulator = slot.next_simulator, ""
+        if chosen or slot.bound or (slot.worker and self.work[slot.simulator].waiting) or not self._waiting:
+            return chosen or slot.simulator
         # The expected time of no episodes may be a rounding error above 0.
-        waiting = {name: source for name, source in self.work.items() if source.waiting}
-        backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in waiting.items()}
-        untried = {name: backlog for name, backlog in backlogs.items() if name not in slot.without_room}
-        return next_simulator(untried, self.start_s) or next_simulator(backlogs, self.start_s) or ""
+        return self._most_urgent([name for name, source in self.work.items() if source.waiting])
+
+    def _most_urgent(self, simulators: Sequence[str]) -> str:
+        """The one that a further worker should serve; empty if that is not worthwhile for any."""
+        backlogs = {name: (self.work[name].waiting_s, self._busy_counts[name]) for name in simulators}
+        return next_simulator(backlogs, self.start_s) or ""
 
     def _process_events(self) -> None:
         """Wait briefly for events and handle them."""
@@ -289,13 +251,12 @@ class Scheduler(Generic[Result]):
             else:
                 self._handle_event(slot, event)
 
-    def _handle_event(self, slot: _Slot, event: worker_pool.WorkerEvent) -> None:
+    def _handle_event(self, slot: Slot, event: worker_pool.WorkerEvent) -> None:
         slot.last_event_at = self.now()
         source = self.work[slot.simulator]
         match event:
             case worker_pool.Started():
-                slot.running, slot.started_at = True, self.now()
-                slot.without_room.clear()
+                slot.running, slot.started_at, slot.patience_s = True, self.now(), ROOM_S
             case Readiness():
                 self._mark_idle(slot)
                 slot.open_task = slot.opening
@@ -330,7 +291,7 @@ class Scheduler(Generic[Result]):
         if dropped:
             self.observer.on_skipped(name, reason, dropped)
 
-    def _worker_failed(self, slot: _Slot, reason: str) -> None:
+    def _worker_failed(self, slot: Slot, reason: str) -> None:
         """Discard a worker that died or hangs, and put its episodes back into the queue."""
         lease, finished, opening = slot.lease, slot.finished, slot.opening
         self._discard(slot)
@@ -389,7 +350,7 @@ class Scheduler(Generic[Result]):
             self._unsaved = []
             self._saved_at = self.now()
 
-    def _discard(self, slot: _Slot) -> None:
+    def _discard(self, slot: Slot) -> None:
         """End a slot's worker, if it has one."""
         if slot.worker is not None:
             self._mark_idle(slot)

@@ -64,8 +64,8 @@ class WorkerPool(Protocol):
     def start(self, name: str, simulator: str, first: Cell) -> Worker:
         """Start a worker that opens the cell's task first. Returns immediately."""
 
-    def has_room(self) -> bool:
-        """Whether resources are free, which a worker of some simulator may find."""
+    def room(self, simulator: str) -> int:
+        """Number of further workers of a simulator for which there is room now."""
 
     def wait(self, timeout_s: float) -> Sequence[Worker]:
         """Return the workers that have an event, as soon as there are any.

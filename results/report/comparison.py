@@ -100,7 +100,8 @@ def behaviour_tables(one: PolicyComparison) -> list[TextTable]:
 
 def _why(processor: str, before: str) -> str:
     """The possible cause of different actions of the same policy."""
-    if processor and before and processor != before:
+    # Older runs have the name only, without family and model.
+    if processor and before and not (processor.startswith(before) or before.startswith(processor)):
         return f"the processor ({before} before, {processor} now) or the program changed"
     return "the program or a library changed"
 

@@ -143,6 +143,7 @@ def test_workers_are_placed_where_their_simulator_can_be_opened(lacking, options
     asked = nodes_without(simulator, lacking, monkeypatch)
     placement = Placement(EnvironmentResolver())
     assert placement.options(simulator) == placement.options(simulator) == options
+    assert placement.able(simulator) == [node for node in "abc" if node not in lacking]
     assert asked == ["a", "b", "c"]
 
 

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from robogauntlet.orchestrator.ray_runtime.parts import UNUSED, without_unused_parts
-from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for_workers
+from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for_workers, workers_that_fit
 from tests.processes import GAUNTLET, listening_addresses, run_process, started_by
 
 
@@ -26,6 +26,21 @@ from tests.processes import GAUNTLET, listening_addresses, run_process, started_
 def test_workers_fit_cores_and_memory_and_are_at_least_one(resources, workers, monkeypatch):
     monkeypatch.setattr("ray.cluster_resources", lambda: resources)
     assert room_for_workers() == workers
+
+
+@pytest.mark.parametrize(
+    ("free", "options", "workers"),
+    [
+        ({"CPU": 3.0, "memory": 1.0}, {"num_cpus": 1.0, "num_gpus": 0.0}, 3),
+        ({"CPU": 3.0}, {"num_cpus": 2.0}, 1),
+        ({"CPU": 3.0, "GPU": 1.0}, {"num_cpus": 0.5, "num_gpus": 0.25}, 4),
+        ({"CPU": 3.0}, {"num_cpus": 1.0, "num_gpus": 0.5}, 0),
+        ({"CPU": 8.0, "memory": 5.0}, {"num_cpus": 1.0, "memory": 2}, 2),
+        ({}, {"num_cpus": 1.0}, 0),
+    ],
+)
+def test_the_scarcest_resource_of_a_node_decides_how_many_workers_fit(free, options, workers):
+    assert workers_that_fit(free, options) == workers
 
 
 SESSION = """

@@ -72,11 +72,11 @@ def test_a_run_is_not_continued_with_a_changed_task_definition(run, suite, monke
         run(path)
 
 
-def test_the_document_has_the_name_and_family_of_the_processor(finished):
-    """Both are in one name, since virtual machines call several families the same."""
+def test_the_document_names_the_processor_and_its_family(finished):
+    """Names of virtual machines do not tell families."""
     fields = dict(line.split("\t: ") for line in Path("/proc/cpuinfo").read_text().splitlines() if "\t: " in line)
-    name, family = fields["model name"], fields["cpu family"]
-    assert read_run(finished.folder).provenance.processor == f"{name}, family {family}"
+    assert fields["model name"] in (processor := read_run(finished.folder).provenance.processor)
+    assert f"(family {fields['cpu family']}, model " in processor
 
 
 def test_a_complete_run_plays_no_episode_again(finished, suite):

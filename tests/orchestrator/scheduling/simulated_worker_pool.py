@@ -127,8 +127,8 @@ class SimulatedWorkerPool:
     def close(self):
         assert not self.alive, "workers still run"
 
-    def has_room(self):
-        return False
+    def room(self, simulator):
+        return 0
 
     def start(self, name, simulator, first):
         worker = SimulatedWorker(self, name)

@@ -217,6 +217,24 @@ def test_more_workers_than_ray_has_room_for_take_turns(observer):
     assert not observer.warnings
 
 
+def test_room_is_what_workers_have_left_of_the_cores():
+    """Ray has three cores; one of `null` takes two."""
+    pool = RayWorkerPool({"zero": PolicySource("zero")}, {"null": Resources(num_cpus=2)})
+
+    def becomes(null, pybullet):
+        deadline = time.monotonic() + 60
+        while (room := (pool.room("null"), pool.room("pybullet"))) != (null, pybullet) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        return room == (null, pybullet)
+
+    assert becomes(1, 3)
+    worker = pool.start("null-0", "null", Cell("zero", "zero", "null/Reach", Protocol(20)))
+    assert becomes(0, 1)
+    pool.end(worker)
+    assert becomes(1, 3)
+    pool.close()
+
+
 def test_one_slot_serves_all_simulators_in_turn(observer):
     items = [(Cell("zero", "zero", task, Protocol(20)), range(6)) for task in ("null/Reach", "pybullet/PandaReach-v3")]
     rows = []

@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions, TooManyErrors
+from robogauntlet.orchestrator.episodes.lease import Readiness
+from robogauntlet.orchestrator.scheduling.scheduler import GROW_S, Scheduler, SchedulerOptions, TooManyErrors
+from robogauntlet.orchestrator.scheduling.slot import ROOM_S
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
-from robogauntlet.orchestrator.scheduling.worker_pool import WorkerLost
+from robogauntlet.orchestrator.scheduling.worker_pool import Started, WorkerLost
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.resources import Resources
 from tests.orchestrator.conftest import RecordingObserver
@@ -243,36 +245,88 @@ def test_a_run_does_not_wait_for_workers_that_have_nothing_to_play():
 
 
 class ClusterPool(SimulatedWorkerPool):
-    """Three cores, of which the third can open `b` only. A worker that finds no free core does not start."""
+    """Cores that can open some simulators only. A worker waits until such a core is free."""
 
-    def __init__(self, *args, **options):
-        super().__init__(*args, **options)
-        self.core, self.most_taken = {}, 0
+    def __init__(self, cores, **options):
+        super().__init__(lambda episode: 1.0, Clock(), **options)
+        self.cores = cores
+        """Simulators of each core."""
+        self.core, self.queue, self.timeline, self.starts = {}, [], [], 0
 
-    @property
-    def taken(self):
-        return {self.core[worker] for worker in self.alive if worker in self.core}
+    def free(self, simulator):
+        return [n for n, able in enumerate(self.cores) if simulator in able and n not in self.core.values()]
 
-    def has_room(self):
-        return len(self.taken) < 3
+    def room(self, simulator):
+        return len(self.free(simulator))
 
     def start(self, name, simulator, first):
-        free = [core for core in {"a": [1, 2], "b": [2, 1, 3]}[simulator] if core not in self.taken]
+        self.starts += 1
         worker = super().start(name, simulator, first)
-        if free:
-            self.core[worker] = free[0]
-        else:
-            self._events = [event for event in self._events if event[2] is not worker]
-        self.most_taken = max(self.most_taken, len(self.taken))
+        self._events = [event for event in self._events if event[2] is not worker]
+        self.queue.append((worker, simulator))
         return worker
 
+    def end(self, worker):
+        super().end(worker)
+        self.core.pop(worker, None)
 
-def test_no_core_idles_while_a_worker_of_a_simulator_that_it_lacks_waits_for_room():
-    pool = ClusterPool(lambda episode: 1.0, Clock())
+    def wait(self, timeout_s):
+        for worker, simulator in self.queue.copy():
+            free = self.free(simulator)
+            if worker.ended or free:
+                self.queue.remove((worker, simulator))
+            if free and not worker.ended:
+                self.core[worker] = free[0]
+                self._at(self.clock() + self._start_s / 2, worker, Started())
+                self._at(self.clock() + self._start_s, worker, Readiness(0, "none", None))
+        self.timeline.append((self.clock(), len(self.core)))
+        return super().wait(timeout_s)
+
+    def taken(self, since, until):
+        """The smallest number of taken cores between two times."""
+        return min(taken for time, taken in self.timeline if since < time < until)
+
+
+SETTLED_S = ROOM_S + GROW_S + 1.0
+
+
+def test_a_core_that_one_simulator_cannot_use_serves_another():
+    pool = ClusterPool(["ab", "ab", "b"])
     rows, observer = play(work({("a/1", "p"): 300, ("b/1", "p"): 300}), pool, lambda: 3)
     assert Counter(row.simulator for row in rows) == {"a": 300, "b": 300}
-    assert pool.most_taken == 3
+    assert pool.taken(SETTLED_S, 120.0) == 3
+    assert pool.taken(5.0, ROOM_S) == 2, "the case is none where all find room at once"
     assert not observer.warnings
+
+
+def test_a_worker_waits_while_no_core_is_free():
+    """One worker each, and a second of the simulator that is left when the other is done."""
+    pool = ClusterPool(["ab", ""])
+    rows, _ = play(work({("a/1", "p"): 300, ("b/1", "p"): 300}), pool, lambda: 2)
+    assert len(rows) == 600
+    assert pool.starts == 3
+
+
+def test_a_slow_start_is_not_taken_for_a_lack_of_room_while_there_is_room():
+    pool = ClusterPool(["ab", "ab", "ab"], start_s=100.0)
+    rows, _ = play(work({("a/1", "p"): 900, ("b/1", "p"): 900}), pool, lambda: 2)
+    assert len(rows) == 1800
+    assert pool.starts == 2
+
+
+def test_slow_starts_are_not_taken_for_a_lack_of_room_again_and_again():
+    """Whichever simulator a slot serves, its cores are full, and the other's are not."""
+    pool = ClusterPool(["a", "b", "b"], start_s=100.0)
+    rows, observer = play(work({("a/1", "p"): 900, ("b/1", "p"): 900}), pool, lambda: 2)
+    assert len(rows) == 1800
+    assert pool.starts <= 8
+    assert not observer.warnings
+
+
+def test_of_several_simulators_without_room_each_is_played():
+    pool = ClusterPool(["ab", "ac"])
+    rows, _ = play(work({(f"{name}/1", "p"): 100 for name in "abc"}), pool, lambda: 2)
+    assert Counter(row.simulator for row in rows) == {"a": 100, "b": 100, "c": 100}
 
 
 def test_no_more_workers_run_than_memory_allows():
