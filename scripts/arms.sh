@@ -11,7 +11,7 @@ cd "$(dirname "$0")/.."
 FOLDER=${1:-runs/arms${PERCENT:+-$PERCENT-percent}}
 shift || true
 DOORS=
-[ $# -gt 0 ] || DOORS="robosuite/Door@Kinova3 robosuite/Door@UR5e robosuite/Door@IIWA robosuite/Door@Jaco"
+[ $# -gt 0 ] || DOORS="robosuite/Door@Kinova3 robosuite/Door@UR5e robosuite/Door@IIWA robosuite/Door@Jaco robosuite/Door@XArm7"
 TASKS=${*:-robosuite/Door@Kinova3 robosuite/Lift@UR5e robosuite/Lift@Kinova3 robosuite/Lift@IIWA robosuite/Lift@Jaco robosuite/Lift@XArm7}
 OF_THE_ZOO="robosuite/Stack robosuite/Lift"
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}

@@ -18,8 +18,7 @@ from tests.benchmarks.document import MEASUREMENTS, write_episodes
 from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import play_policies, table_of
 
-DOORS = ("Kinova3", "UR5e", "IIWA", "Jaco")
-ARMS = (*DOORS, "XArm7")
+ARMS = ("Kinova3", "UR5e", "IIWA", "Jaco", "XArm7")
 COLUMNS = {"arm": "{arm}"} | {
     f"{task}: {who}": f"{{{task}_{who}}}" for task in ("Lift", "Door") for who in ("oracle", "expert")
 }
@@ -28,7 +27,7 @@ COLUMNS = {"arm": "{arm}"} | {
 def measure() -> list[dict[str, str]]:
     """A row for each arm; writes the episodes of Door's experts beside the rows."""
     folder = Path(os.environ.get("ARMS", "runs/arms")).absolute()
-    frame = pd.concat(_played(folder, arm) for arm in DOORS)
+    frame = pd.concat(_played(folder, arm) for arm in ARMS)
     write_episodes("doors", frame, ("policy", "task", "seed"))
     rows = rows_of(frame)
     table_of(rows, COLUMNS)
