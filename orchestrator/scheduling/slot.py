@@ -8,7 +8,7 @@ from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.results.live_status import LiveWorker
 
-ROOM_S = 30.0
+ROOM_S = 15.0
 """Time that a worker may wait for room before its slot serves another simulator that has some (s)."""
 
 
