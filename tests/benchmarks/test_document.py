@@ -327,6 +327,16 @@ def test_the_page_names_the_machines_that_played_the_controls():
     assert "the first eight rows on an Intel Xeon, the others on an AMD EPYC" in " ".join(page.split())
 
 
+def test_what_the_case_study_says_first_is_counted_in_its_rows():
+    rows = json.loads((MEASUREMENTS / "mergevla.json").read_text(encoding="utf-8"))["rows"]
+    loss, interval = next(row for row in rows if row["task"] == "loss by merging, points")["merged"].split(" ", 1)
+    episodes = pd.read_parquet(MEASUREMENTS / "mergevla.parquet")
+    rate = (episodes.status == "success").groupby(episodes.policy, observed=True).mean()
+    blind = 100 * (rate["experts"] - rate["merged-instruction-hidden"])
+    page = (ROOT / "docs/mergevla.md").read_text(encoding="utf-8")
+    assert f"loses {loss[1:]} points {interval} to its nine experts, and {blind:.1f} in all" in page
+
+
 def test_what_the_page_says_of_the_screening_beside_its_findings_is_counted_in_its_rows():
     rows = pd.read_parquet(ROOT / "docs/reports/screening/episodes.parquet")
     page = " ".join((ROOT / "docs/robustness.md").read_text(encoding="utf-8").split())
