@@ -202,7 +202,10 @@ def check_room(key: str, options: Mapping[str, float]) -> None:
 
 
 def workers_that_fit(free: Mapping[str, float], options: Mapping[str, float]) -> int:
-    """Number of Ray actors with these options, of which one at least is not 0, that fit into a node's resources."""
+    """Number of Ray actors with these options, of which one at least is not 0, that fit into a node's resources.
+
+    Rests of several GPUs count together, although an actor must find its share on one.
+    """
     needed = {resource: options[option] for option, resource, *_ in _RESOURCES if options.get(option)}
     return min(int(free.get(resource, 0.0) // amount) for resource, amount in needed.items())
 

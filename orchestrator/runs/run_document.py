@@ -26,6 +26,8 @@ from robogauntlet.results.run_document import (
 )
 from robogauntlet.results.store.database import without_password
 
+PROCESSORS = Path("/proc/cpuinfo")
+
 
 def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocument:
     """Return the document of a new run, or of the run in `folder`, which is continued; for `store` see `RunOptions`.
@@ -155,7 +157,7 @@ def _version(distribution: str) -> str | None:
 def _processor() -> str:
     """Name, family and model: virtual machines often have one name for several, and these round differently."""
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        lines = PROCESSORS.read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
     fields = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in reversed(lines))}

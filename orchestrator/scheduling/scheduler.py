@@ -105,6 +105,7 @@ class Scheduler(Generic[Result]):
     _unsaved: list[Result] = field(default_factory=list, init=False)
     _saved_at: float = field(default=0.0, init=False)
     _grown_at: float = field(default=0.0, init=False)
+    _looked_for_room_at: float = field(default=0.0, init=False)
     _errors: int = field(default=0, init=False)
     _watched_at: float = field(default=0.0, init=False)
 
@@ -125,6 +126,7 @@ class Scheduler(Generic[Result]):
                 self._grow()
                 self._assign_idle_slots()
                 self._process_events()
+                self._replace_workers_without_room()
                 self._kill_unresponsive()
                 self.pool.reap()
                 self._save()
@@ -159,19 +161,26 @@ class Scheduler(Generic[Result]):
         self._add([Slot("", number, bound=False) for number in numbers])
         for source in self.work.values():
             source.workers = len(self._slots)
-        self._replace_workers_without_room()
 
     def _replace_workers_without_room(self) -> None:
-        """Give slots whose workers find only full nodes to simulators that other nodes have room for."""
+        """Give slots whose workers find no node with free resources to simulators whose workers would find one.
+
+        Called after events are handled, so that no worker counts as waiting because the scheduler was busy.
+        """
+        if self.now() - self._looked_for_room_at < GROW_S:
+            return
+        self._looked_for_room_at = self.now()
         waiting = [slot for slot in self._slots if slot.waits_for_room(self.now())]
         room = {name: self.pool.room(name) for name, source in self.work.items() if source.waiting} if waiting else {}
+        given = 0
         for slot in waiting:
-            others = [name for name, workers in room.items() if workers > 0 and name != slot.simulator]
+            # Those that leave may take the room of all others on the same node.
+            others = [name for name, workers in room.items() if workers > given and name != slot.simulator]
             if room.get(slot.simulator, 0) > 0 or not (name := self._most_urgent(others)):
                 continue
             self._discard(slot)
             slot.next_simulator, slot.patience_s = name, 2 * slot.patience_s
-            room = {name: workers - 1 for name, workers in room.items()}  # they may share the node
+            given += 1
 
     def _add(self, slots: Sequence[Slot]) -> None:
         self._slots += slots

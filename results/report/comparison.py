@@ -100,8 +100,14 @@ def behaviour_tables(one: PolicyComparison) -> list[TextTable]:
 
 def _why(processor: str, before: str) -> str:
     """The possible cause of different actions of the same policy."""
-    # Older runs have the name only, without family and model.
-    if processor and before and not (processor.startswith(before) or before.startswith(processor)):
+    known = (
+        processor
+        and before
+        and not any(  # older runs have the name only
+            one.startswith(f"{other} (family ") for one, other in ((processor, before), (before, processor))
+        )
+    )
+    if known and processor != before:
         return f"the processor ({before} before, {processor} now) or the program changed"
     return "the program or a library changed"
 

@@ -323,6 +323,28 @@ def test_slow_starts_are_not_taken_for_a_lack_of_room_again_and_again():
     assert not observer.warnings
 
 
+def test_a_worker_whose_start_the_busy_scheduler_has_not_noticed_is_kept():
+    class BusyPool(ClusterPool):
+        def check(self):
+            """Take half a minute once, as while the head of a cluster does not answer."""
+            if len(self.core) == 2 and self.clock() < 20.0:
+                self.clock.waited += 30.0
+
+    pool = BusyPool(["a", "b", "b"])
+    rows, _ = play(work({("a/1", "p"): 300, ("b/1", "p"): 300}), pool, lambda: 2)
+    assert len(rows) == 600
+    assert pool.starts == 2
+
+
+def test_the_core_of_a_worker_that_is_replaced_goes_to_a_simulator_without_any(monkeypatch):
+    """Of two cores `a` can use the first only, which `b` has taken, since it came first."""
+    monkeypatch.setattr("robogauntlet.orchestrator.scheduling.scheduler.RECYCLE_AFTER", 100)
+    pool = ClusterPool(["ab", "b"])
+    rows, _ = play(work({("b/1", "p"): 1000, ("a/1", "p"): 100}), pool, lambda: 2)
+    first = next(number for number, row in enumerate(rows) if row.simulator == "a")
+    assert first < 500
+
+
 def test_of_several_simulators_without_room_each_is_played():
     pool = ClusterPool(["ab", "ac"])
     rows, _ = play(work({(f"{name}/1", "p"): 100 for name in "abc"}), pool, lambda: 2)

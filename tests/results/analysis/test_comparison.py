@@ -188,12 +188,13 @@ def test_a_policy_that_did_not_change_but_acts_differently_is_reported():
     new.rows.loc[5, "actions_hash"] = "another"
     line = "not changed, but other actions in 1 of 180 episodes"
     assert f"{line}: the program or a library changed" in as_text(compare_runs(new, old))
-    now, before, older = (
+    now, before, older, other = (
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
-        for one, processor in ((new, "a (family 5)"), (old, "a (family 4)"), (old, "a"))
+        for one, processor in ((new, "a (family 5)"), (old, "a (family 4)"), (old, "a"), (old, "a 4"))
     )
-    why = "the processor (a (family 4) before, a (family 5) now) or the program changed"
-    assert f"{line}: {why}" in as_text(compare_runs(now, before))
+    for one, name in ((before, "a (family 4)"), (other, "a 4")):
+        why = f"the processor ({name} before, a (family 5) now) or the program changed"
+        assert f"{line}: {why}" in as_text(compare_runs(now, one))
     for unknown in (old, older):
         assert f"{line}: the program or a library" in as_text(compare_runs(now, unknown)), "that is no reason"
 
