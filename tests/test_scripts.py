@@ -62,7 +62,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
         ("zoo.sh", 24),
         ("training_controls.sh", 298),
         ("robust_experts.sh", 24),
-        ("arms.sh", 22),
+        ("arms.sh", 24),
         ("two_arms.sh", 10),
         ("so101.sh", 5),
         ("meta_world.sh", 40),
