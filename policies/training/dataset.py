@@ -37,6 +37,8 @@ from robogauntlet.support.errors import first_line
 from robogauntlet.support.json_text import parse_json
 
 CHUNK_LENGTH = 8
+UNREADABLE = (OSError, UnicodeDecodeError, pa.ArrowException)
+"""What Arrow raises for files that it cannot read; the second for names of columns."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ class Demonstrations:
         try:
             metadata = pq.read_table(self.folder / EPISODES_FILE)
             return tuple(metadata["seed"].to_pylist()) if "seed" in metadata.column_names else ()
-        except (OSError, pa.ArrowException) as error:
+        except UNREADABLE as error:
             raise DatasetError(f"{self.folder}: {EPISODES_FILE} cannot be read: {first_line(error)}") from None
 
     @property
@@ -228,7 +230,7 @@ class Demonstrations:
                 if missing:
                     raise DatasetError(f"{path}: expected a column {missing[0]}, got none")
                 part = file.read(list(columns))
-            except (OSError, pa.ArrowException) as error:
+            except UNREADABLE as error:
                 raise DatasetError(f"{path}: cannot be read: {first_line(error)}") from None
             first = parts[0].schema if parts else part.schema
             for name in columns:

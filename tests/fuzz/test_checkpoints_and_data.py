@@ -114,13 +114,14 @@ def test_a_damaged_dataset(strategies, good_files, tmp_path, written):
     folder = tmp_path / "Reach"
     shutil.copytree(good_files / "data" / "Reach", folder)
 
-    no_type = (folder / written).read_bytes().replace(b'"unicode"', b'"umicode"')
+    whole = (folder / written).read_bytes()
+    no_type, no_name = whole.replace(b'"unicode"', b'"umicode"'), whole.replace(b"task_index", b"\xe5ask_index")
 
     def read(content):
         (folder / written).write_bytes(content)
         refusable(lambda: use(Demonstrations(folder)), DatasetError)
 
-    check_all(strategies[written], read, b"[" * 100_000, no_type, *(INFOS if written == INFO else ()))
+    check_all(strategies[written], read, b"[" * 100_000, no_type, no_name, *(INFOS if written == INFO else ()))
 
 
 def use(dataset):
