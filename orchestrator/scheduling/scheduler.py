@@ -174,7 +174,7 @@ class Scheduler(Generic[Result]):
         room = {name: self.pool.room(name) for name, source in self.work.items() if source.waiting} if waiting else {}
         given = 0
         for slot in waiting:
-            # Those that leave may take the room of all others on the same node.
+            # A worker that moves may take this room from every simulator, if all of it is on one node.
             others = [name for name, workers in room.items() if workers > given and name != slot.simulator]
             if room.get(slot.simulator, 0) > 0 or not (name := self._most_urgent(others)):
                 continue

@@ -100,14 +100,9 @@ def behaviour_tables(one: PolicyComparison) -> list[TextTable]:
 
 def _why(processor: str, before: str) -> str:
     """The possible cause of different actions of the same policy."""
-    known = (
-        processor
-        and before
-        and not any(  # older runs have the name only
-            one.startswith(f"{other} (family ") for one, other in ((processor, before), (before, processor))
-        )
-    )
-    if known and processor != before:
+    short, long = sorted((processor, before), key=len)
+    # Older runs have the name only, without family and model.
+    if short and processor != before and not long.startswith(f"{short} (family "):
         return f"the processor ({before} before, {processor} now) or the program changed"
     return "the program or a library changed"
 
