@@ -55,6 +55,7 @@ NEED_DEMONSTRATIONS = (
         "robust_experts",
         "merging_under_shift",
         "so101",
+        "stacking",
     ),
 )
 NEED_GPU = ("gpu_answers", "gpu_runs")

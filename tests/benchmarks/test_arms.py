@@ -1,15 +1,18 @@
-"""What the pages say of arms, of two arms and of the SO-101 is counted in the committed rows."""
+"""What the pages say of experts, of arms and of the SO-101 is counted in the committed rows."""
 
 import json
 
 import pandas as pd
 import pytest
 
-from tests.benchmarks import arms, doors, so101, two_arms
+from tests import ROOT
+from tests.benchmarks import arms, doors, so101, stacking, two_arms
 from tests.benchmarks.document import MEASUREMENTS
 
 
-@pytest.mark.parametrize("benchmark", [arms, doors, so101, two_arms], ids=lambda module: module.__name__.split(".")[-1])
+@pytest.mark.parametrize(
+    "benchmark", [arms, doors, so101, stacking, two_arms], ids=lambda module: module.__name__.split(".")[-1]
+)
 def test_the_table_counts_the_committed_episodes(benchmark):
     name = benchmark.__name__.split(".")[-1]
     rows = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))["rows"]
@@ -52,3 +55,24 @@ def test_what_the_page_says_of_arms_beside_the_table_is_counted_in_its_rows():
     assert failures.failure.tolist() == ["misplaced"] * 10  # of 50, as docs/robosuite.md says beside its table
     routed = rows[(rows.policy == "ta-s-averaged-trunk-paper-coded") & (rows.setting == "one skill")]
     assert routed.inferred_task.tolist() == ["robosuite/Lift@UR5e"] * 200
+
+
+def test_what_the_page_says_of_other_trainings_is_in_the_rows():
+    rows = json.loads((MEASUREMENTS / "stacking.json").read_text(encoding="utf-8"))["rows"]
+    found = {(row["task"].partition("/")[2], row["policy"]): row for row in rows}
+    page = (ROOT / "docs/mergevla.md").read_text(encoding="utf-8")
+    rates = [found[task, stacking.SHIPPED]["success"].partition(" %")[0] for task in ("Stack", "StackCube-v1")]
+    assert f"these two experts have {rates[0]} and {rates[1]}." in page
+    assert found["Stack", "corrected"]["apart"] == "-16 [-27, -5]"
+    assert "16 points [5, 27] of Stack" in page
+    assert found["StackCube-v1", "corrected-slowly"]["apart"] == "-10 [-19, -1]"
+    assert "10 [1, 19] of StackCube" in page
+    assert found["Stack", "executes-2"]["apart"] == "-17 [-25, -9]"
+    assert "Stack loses 17 points [9, 25]" in page
+    assert f"({found['Stack', 'longer']['apart'].replace(' [', ' points [')})" in page
+    slowly = found["StackCube-v1", "slowly"]
+    rate, apart = slowly["success"].partition(" [")[0], slowly["apart"].replace(" [", " points [")
+    assert f"it has {rate} ({apart})" in page
+    episodes = pd.read_parquet(MEASUREMENTS / "stacking.parquet")
+    diverged = episodes[(episodes.policy == "corrected") & (episodes.task == "maniskill/StackCube-v1")]
+    assert diverged.failure.tolist() == ["not-reached"] * 100

@@ -22,6 +22,10 @@ from robogauntlet.support.interrupts import SIGNALS
 
 if TYPE_CHECKING:
     from robogauntlet.policies.training.finetune import TrainingResult, TrainingStatus
+    from robogauntlet.policies.training.training_checkpoint import History
+
+RISE = 0.05
+"""Share by which a held-out loss may end above its lowest value without a warning."""
 
 
 class TrainingProgress(Display):
@@ -101,3 +105,18 @@ def run_training(
     held_out = f", held-out {metrics[key]:.4f}" if (key := f"held_out_{objective}") in metrics else ""
     took = format_duration(trained.history.seconds)
     print_line(f"{folder}: {objective.label} {metrics[f'train_{objective}']:.4f}{held_out} after {took}")
+    if warning := rise(trained.history):
+        fail(warning)
+
+
+def rise(history: History) -> str | None:
+    """Say that the held-out loss has risen noticeably since its lowest value, or None if it has not."""
+    if not history.held_out:
+        return None
+    (step, lowest), (_, last) = min(history.held_out, key=lambda item: item[1]), history.held_out[-1]
+    if last <= (1 + RISE) * lowest:
+        return None
+    return (
+        f"the held-out loss was {lowest:.4f} after step {step} and is {last:.4f}: the training diverged or overfitted; "
+        "try a smaller --learning-rate or fewer --steps"
+    )

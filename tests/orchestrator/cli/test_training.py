@@ -9,9 +9,11 @@ from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, INPUT_ERRORS
 from robogauntlet.orchestrator.cli.policies.training_progress import run_training, stoppable
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet.policies.training.batch_loss import Objective
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
-from robogauntlet.policies.training.finetune import pretrain
+from robogauntlet.policies.training.finetune import TrainingResult, pretrain
 from robogauntlet.policies.training.settings import Settings
+from robogauntlet.policies.training.training_checkpoint import History
 from tests.full_disk import full_disk
 from tests.policies.mergevla.shared import SMALL
 from tests.policies.training.test_finetune import dataset
@@ -77,6 +79,18 @@ def test_an_expert_can_be_trained_from_several_datasets_of_its_task(data, base, 
     done = finetune(data, base, tmp_path, str(other), "--steps", "2")
     assert done.exit_code == 0, done.exception
     assert CheckpointMetadata.read(tmp_path / "expert").metrics["frames"] == DatasetMixture.open([data, other]).frames
+
+
+@pytest.mark.parametrize(("last", "warns"), [(0.1767, False), (0.185, False), (0.1977, True)])
+def test_a_held_out_loss_that_has_risen_is_a_warning(base, tmp_path, capsys, last, warns):
+    history = History("", 14000, held_out=[(250, 0.1889), (1250, 0.1767), (14000, last)])
+    trained = TrainingResult(CheckpointMetadata.read(base), history, Objective.L1)
+    run_training(tmp_path / "expert", lambda listener, stop: trained)
+    warning = capsys.readouterr().err
+    assert bool(warning) == warns
+    if warns:
+        assert "the held-out loss was 0.1767 after step 1250 and is 0.1977" in warning
+        assert "try a smaller --learning-rate" in warning
 
 
 def test_the_first_interrupt_stops_after_the_step_and_the_second_at_once():

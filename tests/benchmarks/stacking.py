@@ -1,0 +1,94 @@
+"""What limits the zoo's experts of Stack and StackCube: the same asked more often, and others by other trainings.
+
+`STACKING=FOLDER python -m tests.benchmarks stacking` (default `runs/stacking`) plays the experts of
+`scripts/stacking.sh` beside the zoo's. What is finished in the folder is kept, so that the same command continues.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pandas as pd
+
+from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, WEIGHTS
+from robogauntlet.policies.zoo import shipped
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference
+from robogauntlet.results.statistics.rates import wilson_interval
+from tests.benchmarks.document import write_episodes
+from tests.benchmarks.operators import percent
+from tests.benchmarks.shared import play_policies, table_of
+
+SHIPPED = "zoo"
+TASKS = {"robosuite/Stack": (6, 4, 2), "maniskill/StackCube-v1": (1,)}
+"""Task to numbers of steps of a chunk that the zoo's expert executes instead of its own, 8 and 2."""
+TITLES = {
+    SHIPPED: "the zoo's",
+    "longer": "half as many steps more",
+    "slowly": "half the learning rate",
+    "corrected": "400 corrections beside the demonstrations",
+    "corrected-slowly": "400 corrections, half the learning rate",
+}
+"""Names of the trainings."""
+SEEDS = 100
+EPISODE = ("policy", "task", "seed", "status", "failure")
+COLUMNS = {"task": "{task}", "expert": "{title}", "success": "{success}", "difference to the zoo's, points": "{apart}"}
+
+
+def measure() -> list[dict[str, object]]:
+    """A row for each task and expert; writes the episodes beside the rows."""
+    folder, frames = Path(os.environ.get("STACKING", "runs/stacking")).absolute(), []
+    for task, numbers in TASKS.items():
+        name = task.replace("/", "__")
+        own = shipped("zoo:experts") / name
+        experts = {SHIPPED: own} | {f"executes-{steps}": executing(own, steps, folder) for steps in numbers}
+        experts |= {path.parent.name: path for path in sorted(folder.glob(f"experts/*/{name}"))}
+        policies = {key: {"kind": "mergevla", "options": {"checkpoint": str(path)}} for key, path in experts.items()}
+        frames.append(play_policies(folder, name, policies, [task], SEEDS, EPISODE))
+    frame = pd.concat(frames)
+    write_episodes("stacking", frame, EPISODE[:3])
+    rows = rows_of(frame)
+    table_of(rows, COLUMNS)
+    return rows
+
+
+def executing(expert: Path, steps: int, folder: Path) -> Path:
+    """A copy of the zoo's expert that executes this number of steps of a chunk before its next query."""
+    copy = folder / "executing" / f"{expert.name}-{steps}"
+    if not (copy / METADATA_FILE).exists():
+        copy.mkdir(parents=True, exist_ok=True)
+        shutil.copy(expert / WEIGHTS, copy)
+        metadata = json.loads((expert / METADATA_FILE).read_text(encoding="utf-8"))
+        changed = metadata | {"action_steps": steps, "base": "zoo:base"}
+        (copy / METADATA_FILE).write_text(json.dumps(changed), encoding="utf-8")
+    return copy
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
+    """Success with Wilson's interval, and its difference to the zoo's expert on the same episodes with Newcombe's.
+
+    `frame` has a row per episode with the columns `EPISODE`.
+    """
+    won = frame.assign(won=frame.status == "success").pivot(index="seed", columns=["task", "policy"], values="won")
+    rows: list[dict[str, object]] = []
+    for task, numbers in TASKS.items():
+        titles = TITLES | {f"executes-{steps}": f"the zoo's, steps of a chunk executed: {steps}" for steps in numbers}
+        for policy in (policy for policy in titles if (task, policy) in won):
+            outcomes, zoo = (won[task, name].to_numpy(float) for name in (policy, SHIPPED))
+            found = paired_difference(Pairs.from_outcomes(outcomes, zoo))
+            assert found is not None
+            assert found.interval is not None
+            ends = (f"{100 * end:+.0f}" for end in (found.value, found.interval.low, found.interval.high))
+            value, low, high = ends
+            rows.append(
+                {
+                    "task": task,
+                    "policy": policy,
+                    "title": titles[policy],
+                    "success": percent(outcomes.mean(), wilson_interval(int(outcomes.sum()), len(outcomes))),
+                    "apart": "" if policy == SHIPPED else f"{value} [{low}, {high}]",
+                }
+            )
+    return rows
