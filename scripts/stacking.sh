@@ -2,7 +2,7 @@
 # What limits the zoo's experts of Stack and StackCube: the same by other trainings. Demonstrations, corrections of the
 # zoo's experts (DAgger), experts. Finished parts are skipped and stopped ones continue, so the same command goes on after
 # any interruption. `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
-# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes three hours on two cores.
+# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes two to three hours on two cores.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -31,7 +31,7 @@ TITLES = {
     "corrected": "400 corrections beside the demonstrations",
     "corrected-slowly": "400 corrections, half the learning rate",
 }
-"""Names of the trainings."""
+"""Expert to what is different about it, in the order of the table."""
 SEEDS = 100
 EPISODE = ("policy", "task", "seed", "status", "failure")
 COLUMNS = {"task": "{task}", "expert": "{title}", "success": "{success}", "difference to the zoo's, points": "{apart}"}

@@ -74,5 +74,11 @@ def test_what_the_page_says_of_other_trainings_is_in_the_rows():
     rate, apart = slowly["success"].partition(" [")[0], slowly["apart"].replace(" [", " points [")
     assert f"it has {rate} ({apart})" in page
     episodes = pd.read_parquet(MEASUREMENTS / "stacking.parquet")
-    diverged = episodes[(episodes.policy == "corrected") & (episodes.task == "maniskill/StackCube-v1")]
-    assert diverged.failure.tolist() == ["not-reached"] * 100
+    cubes = episodes[episodes.task == "maniskill/StackCube-v1"]
+    assert cubes[cubes.policy == "corrected"].failure.tolist() == ["not-reached"] * 100
+    alone = cubes[cubes.policy == "corrected-slowly"].assign(policy=stacking.SHIPPED)
+    (_, apart) = stacking.rows_of(
+        pd.concat([episodes[episodes.task != "maniskill/StackCube-v1"], alone, cubes[cubes.policy == "slowly"]])
+    )[-2:]
+    assert apart["apart"] == "+15 [+6, +24]"
+    assert "without them has 15 points more [6, 24]" in page
