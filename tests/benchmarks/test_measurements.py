@@ -5,10 +5,12 @@ import json
 import re
 import time
 
+import pandas as pd
 import pytest
 
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from tests import ROOT
 from tests.benchmarks import environments
 from tests.benchmarks.document import MEASUREMENTS, PAGES
@@ -57,3 +59,20 @@ def test_the_first_reset_of_a_worker_is_found_behind_the_loading_of_its_policy()
         began = time.time()
         seconds = environments._first_reset("null/Reach", EnvironmentResolver({}))
         assert 0.0 < seconds < time.time() - began
+
+
+def test_the_comparison_in_the_readme_is_that_of_the_demo_s_episodes():
+    """The demo plays the first ten seeds of the suite `mergevla`."""
+    rows = pd.read_parquet(MEASUREMENTS / "mergevla.parquet").query("seed < 10")
+    won = rows.assign(won=rows.status == "success").pivot(index=["task", "seed"], columns="policy", values="won")
+    shown = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    for name, pattern in (("pybullet/PandaPickAndPlace-v3",) * 2, ("all of pybullet", "pybullet/"), ("all tasks", "")):
+        pairs = won[won.index.get_level_values("task").str.startswith(pattern)]
+        blind, told = (pairs[policy].to_numpy(float) for policy in ("merged-instruction-hidden", "merged"))
+        found = paired_difference(Pairs.from_outcomes(blind, told))
+        low, high = found.interval.low, found.interval.high
+        difference = f"{100 * found.value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+        (line,) = (line for line in shown if line.startswith(name + "  "))
+        assert re.sub(" +", " ", line.removeprefix(name)).startswith(
+            f" {len(pairs)} {100 * blind.mean():.0f} % {100 * told.mean():.0f} % {difference}"
+        )
