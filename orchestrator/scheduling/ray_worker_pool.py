@@ -14,7 +14,7 @@ from ray._private.state import available_resources_per_node
 from ray.exceptions import RayActorError, RayError, RayTaskError
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.adapters.contract import AdapterError, Simulator
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
@@ -41,8 +41,9 @@ KILL_AFTER_S = 2.0
 class RayWorker:
     """A Ray actor that has just been started, and the reply that is pending."""
 
-    def __init__(self, actor: Any, first: Cell) -> None:
+    def __init__(self, actor: Any, simulator: Simulator, placement: Mapping[str, Any], first: Cell) -> None:
         self.actor, self._first = actor, first
+        self.simulator, self.placement = simulator, placement
         self.pid: int | None = None
         self.node = ""
         self.pending: Any = actor.identify.remote()
@@ -131,16 +132,15 @@ class RayWorkerPool:
         self.check(after_s=0.0)
         with self._pool_errors():
             description = catalog.find(simulator)
-            options = {
-                **self._resources.get(simulator, Resources()).ray_options(),
-                **self._placement.options(description),
-            }
+            placement = self._placement.options(description)
+            options = {**self._resources.get(simulator, Resources()).ray_options(), **placement}
             environment = with_temporary_folder(self._environments.ray_runtime_env(description))
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1
             actor: Any = Worker
             actor = actor.options(max_restarts=0, max_task_retries=0, runtime_env=environment, **options)
-            worker = RayWorker(actor.remote(name, dict(self._sources), self._job, server), first)
+            handle = actor.remote(name, dict(self._sources), self._job, server)
+            worker = RayWorker(handle, description, placement, first)
         self._workers[worker] = None
         return worker
 
@@ -151,6 +151,12 @@ class RayWorkerPool:
         with self._pool_errors():
             able, free = self._placement.able(catalog.find(simulator)), available_resources_per_node()
         return sum(workers_that_fit(free.get(node, {}), options) for node in able)
+
+    def placed_otherwise(self, worker: worker_pool.Worker) -> bool:
+        """Whether nodes have joined or left since a worker was started, so that it would be placed otherwise now."""
+        ray_worker = cast(RayWorker, worker)
+        with self._pool_errors():
+            return self._placement.options(ray_worker.simulator) != ray_worker.placement
 
     def wait(self, timeout_s: float) -> Sequence[RayWorker]:
         """Return the workers that have an event."""

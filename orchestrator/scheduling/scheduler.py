@@ -163,14 +163,21 @@ class Scheduler(Generic[Result]):
             source.workers = len(self._slots)
 
     def _replace_workers_without_room(self) -> None:
-        """Give slots whose workers find no node with free resources to simulators whose workers would find one.
+        """Replace workers that find no node with free resources, if others would find one.
 
-        Called after events are handled, so that no worker counts as waiting because the scheduler was busy.
+        Others are workers of the same simulator, if nodes have joined or left since, and those of other simulators,
+        unless the slot is bound. Called after events are handled, so that no worker counts as waiting because the
+        scheduler was busy.
         """
         if self.now() - self._looked_for_room_at < GROW_S:
             return
         self._looked_for_room_at = self.now()
         waiting = [slot for slot in self._slots if slot.waits_for_room(self.now())]
+        for slot in waiting:
+            if slot.worker is not None and self.pool.placed_otherwise(slot.worker):
+                self._discard(slot)
+                slot.patience_s *= 2
+        waiting = [slot for slot in waiting if slot.worker is not None and not slot.bound]
         room = {name: self.pool.room(name) for name, source in self.work.items() if source.waiting} if waiting else {}
         given = 0
         for slot in waiting:
@@ -179,7 +186,8 @@ class Scheduler(Generic[Result]):
             if room.get(slot.simulator, 0) > 0 or not (name := self._most_urgent(others)):
                 continue
             self._discard(slot)
-            slot.next_simulator, slot.patience_s = name, 2 * slot.patience_s
+            slot.patience_s *= 2
+            slot.next_simulator = name
             given += 1
 
     def _add(self, slots: Sequence[Slot]) -> None:

@@ -49,9 +49,8 @@ class Slot:
         return f"{self.simulator}-{self.number}"
 
     def waits_for_room(self, now: float) -> bool:
-        """Whether it may serve any simulator, and its worker has had no process for longer than its patience."""
-        starts = self.worker is not None and not self.running
-        return starts and not self.bound and now - self.activity_began > self.patience_s
+        """Whether its worker has had no process for longer than its patience."""
+        return self.worker is not None and not self.running and now - self.activity_began > self.patience_s
 
     def activity(self, since: float) -> LiveWorker:
         """What its worker has been doing since this time (seconds since 1970)."""

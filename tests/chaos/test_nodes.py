@@ -1,10 +1,11 @@
-"""A run on a Ray cluster of two nodes, one of which dies."""
+"""A run on a Ray cluster that a node joins, and then dies."""
 
 import os
 import subprocess
 import sys
 import time
 
+import psutil
 import pytest
 from ray.cluster_utils import Cluster
 
@@ -37,19 +38,34 @@ def stored_rows(folder):
     return count
 
 
-def test_the_death_of_a_node_changes_no_row(cluster, tmp_path):
+def workers_on(node):
+    """Processes of workers that play on a node of this machine."""
+    (raylet,) = node.all_processes["raylet"]
+    return [
+        process
+        for process in psutil.process_iter(["ppid", "cmdline"])
+        if process.info["ppid"] == raylet.process.pid and "ray::Worker.play" in " ".join(process.info["cmdline"] or ())
+    ]
+
+
+def test_a_node_that_joins_gets_workers_and_its_death_changes_no_row(cluster, tmp_path):
     suite = tmp_path / "suite.yaml"
-    suite.write_text(NULL.replace("count: 120", "count: 50"))
-    second = cluster.add_node(num_cpus=1)
+    suite.write_text(NULL.replace("workers: 2", "workers: auto").replace("count: 120", "count: 100"))
     process = subprocess.Popen(
         command(suite, tmp_path / "nodes", "--address", cluster.address), env={**os.environ, "OMP_NUM_THREADS": "1"}
     )
-    try:
+
+    def wait_until(condition):
         deadline = time.monotonic() + 240
-        while stored_rows(tmp_path / "nodes") <= 20:
+        while not condition():
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.2)
+
+    try:
+        wait_until(lambda: stored_rows(tmp_path / "nodes") > 20)
+        second = cluster.add_node(num_cpus=1)
+        wait_until(lambda: workers_on(second))
         cluster.remove_node(second, allow_graceful=False)
         assert process.wait(240) == 0
     finally:

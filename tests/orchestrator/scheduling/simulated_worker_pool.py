@@ -14,7 +14,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from robogauntlet.orchestrator.episodes.lease import Readiness
+from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
+from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 from robogauntlet.orchestrator.scheduling.worker_pool import EpisodesFinished, Started, Unavailable, WorkerLost
+from robogauntlet.suites.episode import Cell, Protocol
+from tests.orchestrator.conftest import RecordingObserver
 from tests.results.synthetic import row
 
 
@@ -130,6 +134,9 @@ class SimulatedWorkerPool:
     def room(self, simulator):
         return 0
 
+    def placed_otherwise(self, worker):
+        return False
+
     def start(self, name, simulator, first):
         worker = SimulatedWorker(self, name)
         self.alive.add(worker)
@@ -206,3 +213,17 @@ class SimulatedWorkerPool:
             self.ready[id(worker)] = worker
             if isinstance(event, Readiness) or (isinstance(event, EpisodesFinished) and event.last):
                 worker.idle_since = when
+
+
+def work(plan):
+    """Cells and seeds of a plan, (task, policy) to a number of episodes."""
+    return [(Cell(policy, policy, task, Protocol(60)), range(n)) for (task, policy), n in plan.items()]
+
+
+def play(items, pool, workers, **changes):
+    """Play everything in a pool; returns the rows and the observer."""
+    observer, rows = RecordingObserver(), []
+    given = {"workers": workers, "episode_time_limit_s": 30.0, "allowed_errors": 10**6}
+    chosen = SchedulerOptions(**{**given, **changes})
+    Scheduler(work_queues(items, 3), pool, chosen, rows.extend, observer, now=pool.clock).run()
+    return rows, observer

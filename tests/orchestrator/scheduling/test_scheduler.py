@@ -9,6 +9,7 @@ import pytest
 
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.ray_runtime.cluster import Placement
 from robogauntlet.orchestrator.ray_runtime.session import NoRoom
 from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
 from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions, TooManyErrors
@@ -232,6 +233,16 @@ def test_room_is_what_workers_have_left_of_the_cores():
     assert becomes(0, 1)
     pool.end(worker)
     assert becomes(1, 3)
+    pool.close()
+
+
+def test_a_worker_would_be_placed_otherwise_once_the_nodes_that_can_open_its_simulator_are_others(monkeypatch):
+    pool = RayWorkerPool({"zero": PolicySource("zero")})
+    worker = pool.start("null-0", "null", Cell("zero", "zero", "null/Reach", Protocol(20)))
+    assert not pool.placed_otherwise(worker)
+    monkeypatch.setattr(Placement, "options", lambda *_: {"label_selector": {"ray.io/node-id": "in(a,b)"}})
+    assert pool.placed_otherwise(worker)
+    pool.end(worker)
     pool.close()
 
 

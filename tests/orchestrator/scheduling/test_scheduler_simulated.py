@@ -8,28 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.episodes.lease import Readiness
-from robogauntlet.orchestrator.scheduling.scheduler import GROW_S, Scheduler, SchedulerOptions, TooManyErrors
-from robogauntlet.orchestrator.scheduling.slot import ROOM_S
+from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions, TooManyErrors
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
-from robogauntlet.orchestrator.scheduling.worker_pool import Started, WorkerLost
-from robogauntlet.suites.episode import Cell, Protocol
+from robogauntlet.orchestrator.scheduling.worker_pool import WorkerLost
 from robogauntlet.suites.resources import Resources
 from tests.orchestrator.conftest import RecordingObserver
-from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
+from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool, play, work
 from tests.results.synthetic import row
-
-
-def work(plan):
-    return [(Cell(policy, policy, task, Protocol(60)), range(n)) for (task, policy), n in plan.items()]
-
-
-def play(items, pool, workers, **changes):
-    observer, rows = RecordingObserver(), []
-    given = {"workers": workers, "episode_time_limit_s": 30.0, "allowed_errors": 10**6}
-    chosen = SchedulerOptions(**{**given, **changes})
-    Scheduler(work_queues(items, 3), pool, chosen, rows.extend, observer, now=pool.clock).run()
-    return rows, observer
 
 
 @given(
@@ -242,121 +227,6 @@ def test_a_run_does_not_wait_for_workers_that_have_nothing_to_play():
     rows, _ = play(work({("a/1", "p"): 10}), pool, {"a": 2}, episode_time_limit_s=5000.0)
     assert len(rows) == 10
     assert pool.clock() < 100.0
-
-
-class ClusterPool(SimulatedWorkerPool):
-    """Cores that can open some simulators only. A worker waits until such a core is free."""
-
-    def __init__(self, cores, **options):
-        super().__init__(lambda episode: 1.0, Clock(), **options)
-        self.cores = cores
-        """Simulators of each core."""
-        self.core, self.queue, self.timeline, self.starts = {}, [], [], []
-
-    def free(self, simulator):
-        return [n for n, able in enumerate(self.cores) if simulator in able and n not in self.core.values()]
-
-    def room(self, simulator):
-        return len(self.free(simulator))
-
-    def start(self, name, simulator, first):
-        self.starts.append(self.clock())
-        worker = super().start(name, simulator, first)
-        self._events = [event for event in self._events if event[2] is not worker]
-        self.queue.append((worker, simulator))
-        return worker
-
-    def end(self, worker):
-        super().end(worker)
-        self.core.pop(worker, None)
-
-    def wait(self, timeout_s):
-        for worker, simulator in self.queue.copy():
-            free = self.free(simulator)
-            if worker.ended or free:
-                self.queue.remove((worker, simulator))
-            if free and not worker.ended:
-                self.core[worker] = free[0]
-                self._at(self.clock() + self._start_s / 2, worker, Started())
-                self._at(self.clock() + self._start_s, worker, Readiness(0, "none", None))
-        self.timeline.append((self.clock(), len(self.core)))
-        return super().wait(timeout_s)
-
-    def taken(self, since, until):
-        """The smallest number of taken cores between two times."""
-        return min(taken for time, taken in self.timeline if since < time < until)
-
-
-SETTLED_S = ROOM_S + GROW_S + 1.0
-
-
-def test_a_core_that_one_simulator_cannot_use_serves_another():
-    pool = ClusterPool(["ab", "ab", "b"])
-    rows, observer = play(work({("a/1", "p"): 300, ("b/1", "p"): 300}), pool, lambda: 3)
-    assert Counter(row.simulator for row in rows) == {"a": 300, "b": 300}
-    assert pool.taken(SETTLED_S, 120.0) == 3
-    assert pool.taken(5.0, ROOM_S) == 2, "the case is none where all find room at once"
-    assert not observer.warnings
-
-
-def test_a_worker_waits_while_no_core_is_free():
-    """One worker each, and a second of the simulator that is left when the other is done."""
-    pool = ClusterPool(["ab", ""])
-    rows, _ = play(work({("a/1", "p"): 300, ("b/1", "p"): 300}), pool, lambda: 2)
-    assert len(rows) == 600
-    assert len(pool.starts) == 3
-
-
-def test_a_slow_start_is_not_taken_for_a_lack_of_room_while_there_is_room():
-    pool = ClusterPool(["ab", "ab", "ab"], start_s=100.0)
-    rows, _ = play(work({("a/1", "p"): 900, ("b/1", "p"): 900}), pool, lambda: 2)
-    assert len(rows) == 1800
-    assert len(pool.starts) == 2
-
-
-def test_slow_starts_are_not_taken_for_a_lack_of_room_again_and_again():
-    """Whichever simulator a slot serves, its cores are full, and the other's are not."""
-    pool = ClusterPool(["a", "b", "b"], start_s=100.0)
-    rows, observer = play(work({("a/1", "p"): 900, ("b/1", "p"): 900}), pool, lambda: 2)
-    assert len(rows) == 1800
-    assert len(pool.starts) <= 8
-    assert not observer.warnings
-
-
-def test_a_worker_whose_start_the_busy_scheduler_has_not_noticed_is_kept():
-    class BusyPool(ClusterPool):
-        def check(self):
-            """Take half a minute once, as while the head of a cluster does not answer."""
-            if len(self.core) == 2 and self.clock() < 20.0:
-                self.clock.waited += 30.0
-
-    pool = BusyPool(["a", "b", "b"])
-    rows, _ = play(work({("a/1", "p"): 300, ("b/1", "p"): 300}), pool, lambda: 2)
-    assert len(rows) == 600
-    assert len(pool.starts) == 2
-
-
-def test_the_core_of_a_worker_that_is_replaced_goes_to_a_simulator_without_any(monkeypatch):
-    """Of two cores `a` can use the first only, which `b` has taken, since it came first."""
-    monkeypatch.setattr("robogauntlet.orchestrator.scheduling.scheduler.RECYCLE_AFTER", 100)
-    pool = ClusterPool(["ab", "b"])
-    rows, _ = play(work({("b/1", "p"): 1000, ("a/1", "p"): 100}), pool, lambda: 2)
-    first = next(number for number, row in enumerate(rows) if row.simulator == "a")
-    assert first < 500
-
-
-def test_of_several_simulators_without_room_each_is_played():
-    pool = ClusterPool(["ab", "ac"])
-    rows, _ = play(work({(f"{name}/1", "p"): 100 for name in "abc"}), pool, lambda: 2)
-    assert Counter(row.simulator for row in rows) == {"a": 100, "b": 100, "c": 100}
-    assert pool.taken(SETTLED_S, 90.0) == 2
-
-
-def test_a_free_core_is_offered_to_one_of_the_workers_that_wait():
-    """Of four workers two of `a` find none, and one core is left for `b`."""
-    pool = ClusterPool(["a", "b", "b"])
-    play(work({("a/1", "p"): 3000, ("b/1", "p"): 300}), pool, lambda: 4)
-    assert sum(start < SETTLED_S for start in pool.starts) == 5
 
 
 def test_no_more_workers_run_than_memory_allows():
