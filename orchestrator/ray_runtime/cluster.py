@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from robogauntlet.adapters.contract import Simulator
@@ -117,15 +117,16 @@ class Placement:
         self._reasons: dict[tuple[str, str], str | None] = {}
         """Id of a node and simulator to why it cannot be opened there."""
 
-    def options(self, simulator: Simulator) -> Mapping[str, Any]:
-        """Options that put a Ray actor on a node that can open the simulator.
+    def nodes(self, simulator: Simulator) -> frozenset[str]:
+        """Ids of the nodes that a worker is bound to, so that it can open the simulator.
 
-        They are empty if no node lacked it so far, so that the actor may wait for one that joins, and if none can: then
-        the actor itself reports why. A node that lacked it may come back after it is lost, while the actor waits.
+        There are none if no node lacked it so far, so that the worker may wait for one that joins, and if none can:
+        then the worker itself reports why. A node that lacked it may come back after it is lost, while the worker
+        waits.
         """
         able = self.able(simulator)
         lacking = any(reason for (_, name), reason in self._reasons.items() if name == simulator.name)
-        return {"label_selector": {"ray.io/node-id": f"in({','.join(able)})"}} if able and lacking else {}
+        return frozenset(able if lacking else ())
 
     def able(self, simulator: Simulator) -> list[str]:
         """Ids of the living nodes that can open the simulator. A single node is not asked."""
@@ -152,6 +153,11 @@ class Placement:
                 self._reasons[node, simulator.name] = ray.get(answer)
             except RayError as error:  # the node died, or lacks this package
                 self._reasons[node, simulator.name] = str(error)
+
+
+def bound_to(nodes: Collection[str]) -> Mapping[str, Any]:
+    """Options that put a Ray actor on one of these nodes; on any if there are none."""
+    return {"label_selector": {"ray.io/node-id": f"in({','.join(sorted(nodes))})"}} if nodes else {}
 
 
 def missing_reason(environments: EnvironmentResolver, simulator: str) -> str | None:

@@ -14,12 +14,12 @@ from ray._private.state import available_resources_per_node
 from ray.exceptions import RayActorError, RayError, RayTaskError
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import AdapterError, Simulator
+from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement
+from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement, bound_to
 from robogauntlet.orchestrator.ray_runtime.session import (
     RayLost,
     check_alive,
@@ -41,9 +41,9 @@ KILL_AFTER_S = 2.0
 class RayWorker:
     """A Ray actor that has just been started, and the reply that is pending."""
 
-    def __init__(self, actor: Any, simulator: Simulator, placement: Mapping[str, Any], first: Cell) -> None:
+    def __init__(self, actor: Any, simulator: str, nodes: frozenset[str], first: Cell) -> None:
         self.actor, self._first = actor, first
-        self.simulator, self.placement = simulator, placement
+        self.simulator, self.nodes = simulator, nodes
         self.pid: int | None = None
         self.node = ""
         self.pending: Any = actor.identify.remote()
@@ -132,15 +132,15 @@ class RayWorkerPool:
         self.check(after_s=0.0)
         with self._pool_errors():
             description = catalog.find(simulator)
-            placement = self._placement.options(description)
-            options = {**self._resources.get(simulator, Resources()).ray_options(), **placement}
+            nodes = self._placement.nodes(description)
+            options = {**self._resources.get(simulator, Resources()).ray_options(), **bound_to(nodes)}
             environment = with_temporary_folder(self._environments.ray_runtime_env(description))
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1
             actor: Any = Worker
             actor = actor.options(max_restarts=0, max_task_retries=0, runtime_env=environment, **options)
             handle = actor.remote(name, dict(self._sources), self._job, server)
-            worker = RayWorker(handle, description, placement, first)
+            worker = RayWorker(handle, simulator, nodes, first)
         self._workers[worker] = None
         return worker
 
@@ -152,11 +152,19 @@ class RayWorkerPool:
             able, free = self._placement.able(catalog.find(simulator)), available_resources_per_node()
         return sum(workers_that_fit(free.get(node, {}), options) for node in able)
 
-    def placed_otherwise(self, worker: worker_pool.Worker) -> bool:
-        """Whether nodes have joined or left since a worker was started, so that it would be placed otherwise now."""
-        ray_worker = cast(RayWorker, worker)
+    def bound_elsewhere(self, workers: Sequence[worker_pool.Worker]) -> Sequence[RayWorker]:
+        """Those that nodes they are not bound to could serve now, since nodes joined or left after their start."""
+        self.check(after_s=0.0)
+        ray_workers = [cast(RayWorker, worker) for worker in workers]
+        simulators = {worker.simulator for worker in ray_workers}
         with self._pool_errors():
-            return self._placement.options(ray_worker.simulator) != ray_worker.placement
+            now = {simulator: self._placement.nodes(catalog.find(simulator)) for simulator in simulators}
+
+        def elsewhere(worker: RayWorker) -> bool:
+            nodes = now[worker.simulator]
+            return bool(nodes - worker.nodes) or bool(worker.nodes and not nodes)
+
+        return [worker for worker in ray_workers if elsewhere(worker)]
 
     def wait(self, timeout_s: float) -> Sequence[RayWorker]:
         """Return the workers that have an event."""

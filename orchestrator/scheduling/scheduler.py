@@ -126,8 +126,8 @@ class Scheduler(Generic[Result]):
                 self._grow()
                 self._assign_idle_slots()
                 self._process_events()
-                self._replace_workers_without_room()
                 self._kill_unresponsive()
+                self._replace_workers_without_room()
                 self.pool.reap()
                 self._save()
                 self.observer.on_tick(self.activity)
@@ -173,22 +173,31 @@ class Scheduler(Generic[Result]):
             return
         self._looked_for_room_at = self.now()
         waiting = [slot for slot in self._slots if slot.waits_for_room(self.now())]
-        for slot in waiting:
-            if slot.worker is not None and self.pool.placed_otherwise(slot.worker):
-                self._discard(slot)
-                slot.patience_s *= 2
-        waiting = [slot for slot in waiting if slot.worker is not None and not slot.bound]
-        room = {name: self.pool.room(name) for name, source in self.work.items() if source.waiting} if waiting else {}
-        given = 0
-        for slot in waiting:
+        moved = self._elsewhere(waiting)
+        for slot in moved:
+            self._end_waiting(slot)
+        free = [slot for slot in waiting if slot.worker is not None and not slot.bound]
+        room = {name: self.pool.room(name) for name, source in self.work.items() if source.waiting} if free else {}
+        given = len(moved)
+        for slot in free:
             # A worker that moves may take this room from every simulator, if all of it is on one node.
             others = [name for name, workers in room.items() if workers > given and name != slot.simulator]
             if room.get(slot.simulator, 0) > 0 or not (name := self._most_urgent(others)):
                 continue
-            self._discard(slot)
-            slot.patience_s *= 2
+            self._end_waiting(slot)
             slot.next_simulator = name
             given += 1
+
+    def _elsewhere(self, slots: Sequence[Slot]) -> list[Slot]:
+        """Those whose workers would find other nodes if they were started now."""
+        workers = [slot.worker for slot in slots if slot.worker is not None]
+        found = {id(worker) for worker in (self.pool.bound_elsewhere(workers) if workers else ())}
+        return [slot for slot in slots if id(slot.worker) in found]
+
+    def _end_waiting(self, slot: Slot) -> None:
+        """End a worker that waits for room. A slow start cannot be told from that, so the next may take longer."""
+        self._discard(slot)
+        slot.patience_s *= 2
 
     def _add(self, slots: Sequence[Slot]) -> None:
         self._slots += slots
@@ -279,6 +288,8 @@ class Scheduler(Generic[Result]):
                 slot.open_task = slot.opening
                 self._failed_starts[slot.simulator] = 0
                 self.observer.on_started(slot.simulator, event)
+            case worker_pool.Unavailable(reason) if slot.lease is None and self._elsewhere([slot]):
+                self._worker_failed(slot, reason)  # on a node that joined, and lacks what others have
             case worker_pool.Unavailable(reason):
                 task = slot.lease.cell.task if slot.lease is not None else slot.opening
                 self._discard(slot)

@@ -9,7 +9,7 @@ from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.results.live_status import LiveWorker
 
 ROOM_S = 15.0
-"""Time that a worker may wait for room before its slot serves another simulator that has some (s)."""
+"""Time that a worker may wait for room before another that would find some takes its place (s)."""
 
 
 @dataclass

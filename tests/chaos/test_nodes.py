@@ -10,10 +10,32 @@ import pytest
 from ray.cluster_utils import Cluster
 
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
-from robogauntlet.results.store.episode_store import Store
-from tests.chaos.suites import NULL
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
+
+
+POLICY = """
+import time
+from pathlib import Path
+
+import numpy as np
+
+
+def policy(images, proprioception, instruction):
+    until = time.monotonic() + 3
+    while time.monotonic() < until and not Path("GATE").exists():
+        time.sleep(0.1)
+    return np.zeros((60, 7))
+"""
+SUITE = """
+name: nodes
+policies: [oracle, {name: waits, kind: python, options: {callable: "mine:policy", folder: FOLDER}}]
+tasks: [null/Slow]
+seeds: {count: 60}
+workers: auto
+episode_time_limit_s: 600
+"""
+"""Each query waits 3 s, or for a file, so that the run is not over before a node has joined."""
 
 
 @pytest.fixture
@@ -28,16 +50,6 @@ def command(suite, folder, *more):
     return [sys.executable, "-c", program, "run", str(suite), "--out", str(folder), "--no-media", *more]
 
 
-def stored_rows(folder):
-    """Number of stored episodes; 0 before the run has started, as its document is written last."""
-    if not (folder / RUN_FILE).exists():
-        return 0
-    store = Store.open_file(folder / "episodes.sqlite", read_run(folder).run_id)
-    count = sum(store.status_counts().values())
-    store.close()
-    return count
-
-
 def workers_on(node):
     """Processes of workers that play on a node of this machine."""
     (raylet,) = node.all_processes["raylet"]
@@ -49,8 +61,9 @@ def workers_on(node):
 
 
 def test_a_node_that_joins_gets_workers_and_its_death_changes_no_row(cluster, tmp_path):
-    suite = tmp_path / "suite.yaml"
-    suite.write_text(NULL.replace("workers: 2", "workers: auto").replace("count: 120", "count: 100"))
+    suite, gate = tmp_path / "suite.yaml", tmp_path / "gate"
+    suite.write_text(SUITE.replace("FOLDER", str(tmp_path)))
+    (tmp_path / "mine.py").write_text(POLICY.replace("GATE", str(gate)))
     process = subprocess.Popen(
         command(suite, tmp_path / "nodes", "--address", cluster.address), env={**os.environ, "OMP_NUM_THREADS": "1"}
     )
@@ -63,10 +76,11 @@ def test_a_node_that_joins_gets_workers_and_its_death_changes_no_row(cluster, tm
             time.sleep(0.2)
 
     try:
-        wait_until(lambda: stored_rows(tmp_path / "nodes") > 20)
+        wait_until((tmp_path / "nodes" / RUN_FILE).exists)
         second = cluster.add_node(num_cpus=1)
         wait_until(lambda: workers_on(second))
         cluster.remove_node(second, allow_graceful=False)
+        gate.touch()
         assert process.wait(240) == 0
     finally:
         process.kill()

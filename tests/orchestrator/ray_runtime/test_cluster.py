@@ -13,7 +13,7 @@ import pytest
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime import cluster
-from robogauntlet.orchestrator.ray_runtime.cluster import ClusterHead, NoCluster, Placement, check_address
+from robogauntlet.orchestrator.ray_runtime.cluster import ClusterHead, NoCluster, Placement, bound_to, check_address
 
 
 class Clock:
@@ -130,29 +130,30 @@ def nodes_without(simulator, lacking, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("lacking", "options"),
+    ("lacking", "nodes", "options"),
     [
-        ("", {}),
-        ("b", {"label_selector": {"ray.io/node-id": "in(a,c)"}}),
-        ("ab", {"label_selector": {"ray.io/node-id": "in(c)"}}),
-        ("abc", {}),
+        ("", "", {}),
+        ("b", "ac", {"label_selector": {"ray.io/node-id": "in(a,c)"}}),
+        ("ab", "c", {"label_selector": {"ray.io/node-id": "in(c)"}}),
+        ("abc", "", {}),
     ],
 )
-def test_workers_are_placed_where_their_simulator_can_be_opened(lacking, options, monkeypatch):
+def test_workers_are_placed_where_their_simulator_can_be_opened(lacking, nodes, options, monkeypatch):
     simulator = catalog.find("null")
     asked = nodes_without(simulator, lacking, monkeypatch)
     placement = Placement(EnvironmentResolver())
-    assert placement.options(simulator) == placement.options(simulator) == options
+    assert placement.nodes(simulator) == placement.nodes(simulator) == frozenset(nodes)
+    assert bound_to(placement.nodes(simulator)) == options
     assert placement.able(simulator) == [node for node in "abc" if node not in lacking]
     assert asked == ["a", "b", "c"]
 
 
-@pytest.mark.parametrize(("lacking", "options"), [("bc", {"label_selector": {"ray.io/node-id": "in(a)"}}), ("", {})])
-def test_a_worker_waits_for_no_lost_node_that_lacked_its_simulator(lacking, options, monkeypatch):
+@pytest.mark.parametrize(("lacking", "nodes"), [("bc", "a"), ("", "")])
+def test_a_worker_waits_for_no_lost_node_that_lacked_its_simulator(lacking, nodes, monkeypatch):
     """Such a node comes back under another id, and would be taken for one that can open it."""
     simulator = catalog.find("null")
     nodes_without(simulator, lacking, monkeypatch)
     placement = Placement(EnvironmentResolver())
-    placement.options(simulator)
+    placement.nodes(simulator)
     monkeypatch.setattr("ray.nodes", lambda: [{"NodeID": name, "Alive": name == "a"} for name in "abc"])
-    assert placement.options(simulator) == options
+    assert placement.nodes(simulator) == frozenset(nodes)

@@ -134,8 +134,8 @@ class SimulatedWorkerPool:
     def room(self, simulator):
         return 0
 
-    def placed_otherwise(self, worker):
-        return False
+    def bound_elsewhere(self, workers):
+        return []
 
     def start(self, name, simulator, first):
         worker = SimulatedWorker(self, name)

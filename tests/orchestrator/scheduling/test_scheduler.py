@@ -236,12 +236,17 @@ def test_room_is_what_workers_have_left_of_the_cores():
     pool.close()
 
 
-def test_a_worker_would_be_placed_otherwise_once_the_nodes_that_can_open_its_simulator_are_others(monkeypatch):
+@pytest.mark.parametrize(
+    ("before", "now", "elsewhere"),
+    [("ab", "ab", False), ("ab", "b", False), ("ab", "bc", True), ("ab", "", True), ("", "a", True), ("", "", False)],
+)
+def test_a_worker_is_bound_elsewhere_if_other_nodes_could_serve_it(before, now, elsewhere, monkeypatch):
+    """Letters are nodes that workers are bound to; none is any node."""
     pool = RayWorkerPool({"zero": PolicySource("zero")})
     worker = pool.start("null-0", "null", Cell("zero", "zero", "null/Reach", Protocol(20)))
-    assert not pool.placed_otherwise(worker)
-    monkeypatch.setattr(Placement, "options", lambda *_: {"label_selector": {"ray.io/node-id": "in(a,b)"}})
-    assert pool.placed_otherwise(worker)
+    worker.nodes = frozenset(before)
+    monkeypatch.setattr(Placement, "nodes", lambda *_: frozenset(now))
+    assert pool.bound_elsewhere([worker]) == [worker] * elsewhere
     pool.end(worker)
     pool.close()
 

@@ -7,7 +7,7 @@ import pytest
 from robogauntlet.orchestrator.episodes.lease import Readiness
 from robogauntlet.orchestrator.scheduling.scheduler import GROW_S
 from robogauntlet.orchestrator.scheduling.slot import ROOM_S
-from robogauntlet.orchestrator.scheduling.worker_pool import Started
+from robogauntlet.orchestrator.scheduling.worker_pool import Started, Unavailable
 from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool, play, work
 
 
@@ -149,8 +149,8 @@ class JoiningPool(ClusterPool):
     def startable(self, worker, simulator):
         return [core for core in self.free(simulator) if core < self.known[worker]]
 
-    def placed_otherwise(self, worker):
-        return self.known[worker] != len(self.cores)
+    def bound_elsewhere(self, workers):
+        return [worker for worker in workers if self.known[worker] < len(self.cores)]
 
 
 @pytest.mark.parametrize("workers", [lambda: 2, {"a": 2}], ids=["auto", "given"])
@@ -168,3 +168,23 @@ def test_workers_that_start_slowly_are_not_ended_for_each_node_that_joins():
     rows, _ = play(work({("a/1", "p"): 600}), pool, {"a": 2})
     assert len(rows) == 600
     assert len(pool.starts) <= 12
+
+
+def test_a_node_that_joins_without_a_simulator_ends_none_of_its_episodes():
+    class LackingPool(JoiningPool):
+        """The core that joins takes a worker that waits for any, which cannot open its simulator there."""
+
+        def startable(self, worker, simulator):
+            return self.free(simulator)
+
+        def wait(self, timeout_s):
+            if len(self.cores) == 2 and self.queue and self.known[self.queue[0][0]] == 1:
+                worker, _ = self.queue.pop(0)
+                self._at(self.clock(), worker, Unavailable("not installed"))
+            return super().wait(timeout_s)
+
+    pool = LackingPool(["a"], joining=1)
+    rows, observer = play(work({("a/1", "p"): 200}), pool, {"a": 2})
+    assert len(rows) == 200
+    assert observer.warnings == ["a-1: not installed while opening a/1"]
+    assert not observer.skipped
