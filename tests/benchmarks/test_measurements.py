@@ -76,3 +76,23 @@ def test_the_comparison_in_the_readme_is_that_of_the_demo_s_episodes():
         assert re.sub(" +", " ", line.removeprefix(name)).startswith(
             f" {len(pairs)} {100 * blind.mean():.0f} % {100 * told.mean():.0f} % {difference}"
         )
+
+
+def test_what_the_page_says_of_blocks_is_in_the_rows():
+    rows = json.loads((MEASUREMENTS / "training_controls.json").read_text(encoding="utf-8"))["rows"]
+    page, by_kind = (ROOT / "docs/mergevla.md").read_text(encoding="utf-8"), {row["kind"]: row for row in rows}
+    others = [by_kind[kind] for kind in ("cross-tanh", "self-sigmoid", "self-tanh")]
+    unaveraged = [row[way].partition(": ")[2] for row in others for way in ("experts", "signs", "ta-s")]
+    assert max(abs(int(text.split(" [")[0])) for text in unaveraged) == 6
+    widest = max(unaveraged, key=lambda text: int(text.split(", ")[1].rstrip("]")))
+    assert f"with intervals as wide as [{widest.split('[')[1]}." in page
+    averaged = {kind: row["paper"] for kind, row in by_kind.items()}
+    tanh, attention, adapter = (row["paper"].partition(": ")[2] for row in others)
+    assert averaged["self-tanh"].startswith("45 (38 / 44 / 52)")
+    assert averaged["cross-sigmoid"] == "62 (68 / 62 / 55)"
+    assert f"by {tanh}, self-attention alone by {attention}" in page
+    assert f"but {adapter} shows no difference" in page
+    assert [by_kind["self-tanh-fresh"]["mean"][way] for way in ("ta-s", "paper")] == [0, 6]
+    assert [by_kind["cross-sigmoid-fresh"][way].split(" (")[1][0] for way in ("ta-s", "paper")] == ["7", "8"]
+    each = [[int(rate) for rate in averaged[row["kind"]].split("(")[1].split(")")[0].split(" / ")] for row in others]
+    assert [max(rates) - min(rates) for rates in [*each, [68, 62, 55]]] == [12, 30, 14, 13]

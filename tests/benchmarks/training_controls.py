@@ -20,6 +20,7 @@ from tests.benchmarks.shared import table_of
 
 REFERENCE = "cross-sigmoid"
 """MergeVLA's own block on a base of the same tasks, which the others are compared with."""
+JOINT = "joint"
 KINDS = {
     "cross-sigmoid": "trunk from the base",
     "cross-sigmoid-fresh": "trunk from a seed of its own",
@@ -27,26 +28,27 @@ KINDS = {
     "other-fresh": "base of other tasks, own trunks",
     "matched": "base of other tasks without actions",
     "matched-fresh": "base without actions, own trunks",
-    "quirks": "errors of the released code",
     "cross-tanh": "tanh gate",
     "self-sigmoid": "self-attention",
     "self-tanh": "self-attention, tanh gate",
+    "self-tanh-fresh": "self-attention, tanh gate, own trunks",
+    "quirks": "errors of the released code",
+    JOINT: "one network on all five tasks",
 }
-"""Names in the table."""
+"""Kind of training to its name, in the order of the table."""
 WAYS = {
     "experts": "experts",
     "signs": "two bits of magnitudes",
     "ta-s": "TA+S, trunk by vectors",
     "paper": "TA+S, averaged trunk",
-    "joint": "joint training",
 }
-NAME = rf"(?:(?P<kind>.+)-)?(?P<way>{'|'.join(WAYS)})-(?P<training>\d+)"
-"""A policy of the runs: kind of training (none for joint training), way of merging, training seed."""
+NAME = rf"(?P<kind>.+?)(?:-(?P<way>{'|'.join(WAYS)}))?-(?P<training>\d+)"
+"""A policy of the runs: kind of training, way of merging (none for joint training), training seed."""
 EPISODE = ("policy", "task", "seed", "status")
 
 
 def measure() -> list[dict[str, object]]:
-    """A row for each kind of training and way of merging; writes the episodes beside the rows."""
+    """A row for each kind of training; writes the episodes beside the rows."""
     folder = Path(os.environ.get("TRAINING_CONTROLS", "runs/training-controls"))
     played = pd.concat([open_run(run).episodes(EPISODE) for run in sorted(folder.glob("run-*"))])
     frame = with_committed(
@@ -54,9 +56,7 @@ def measure() -> list[dict[str, object]]:
     )
     write_episodes("training_controls", frame, EPISODE[:3])
     rows = rows_of(frame)
-    columns = {"training": "{title}", "way of merging": "{way}", "success by training seed (%)": "{seeds}"}
-    columns |= {"mean": "{mean:.0f}", "to its experts (points)": "{to_experts}"}
-    table_of(rows, columns | {f"to {KINDS[REFERENCE]} (points)": "{to_reference}"})
+    table_of(rows, {"training": "{title}"} | {title: f"{{{way}}}" for way, title in WAYS.items()})
     return rows
 
 
@@ -68,36 +68,37 @@ def with_committed(played: pd.DataFrame, committed: pd.DataFrame) -> pd.DataFram
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
-    """Success, mean of the tasks, with differences paired by training seed and their 95 % t-intervals.
+    """Success by kind of training and way of merging (%, mean of the tasks), with what it was in each training.
 
-    `frame` has a row per episode with the columns `EPISODE`.
+    Beside it is the difference to the same way with `REFERENCE` (points), paired by training seed, with its 95 %
+    t-interval. `frame` has a row per episode with the columns `EPISODE`.
     """
-    named = frame.policy.str.extract(f"^{NAME}$").fillna({"kind": REFERENCE})
+    named = frame.policy.str.extract(f"^{NAME}$").fillna({"way": "experts"})
     won = named.assign(task=frame.task, won=100.0 * (frame.status == "success"))
     rates = won.groupby(["kind", "way", "training", "task"]).won.mean().groupby(["kind", "way", "training"]).mean()
     by_seed = rates.unstack("training")
     rows = []
-    for kind, way in sorted(by_seed.index, key=lambda key: (key[0] != REFERENCE, key[0], list(WAYS).index(key[1]))):
-        own, experts = by_seed.loc[(kind, way)], by_seed.loc[(REFERENCE if way == "joint" else kind, "experts")]
-        rows.append(
-            {
-                "kind": kind if way != "joint" else "-",
-                "title": KINDS.get(kind, kind) if way != "joint" else "one network on all tasks",
-                "way": WAYS[way],
-                "seeds": " / ".join(f"{rate:.0f}" for rate in own.dropna()),
-                "mean": float(own.mean()),
-                "to_experts": "" if way == "experts" else _difference(own - experts),
-                "to_reference": ""
-                if kind == REFERENCE or (REFERENCE, way) not in by_seed.index
-                else _difference(own - by_seed.loc[(REFERENCE, way)]),
+    for kind in (kind for kind in KINDS if kind in by_seed.index):
+        own = {way: by_seed.loc[kind, way].dropna() for way in WAYS if (kind, way) in by_seed.index}
+        cells = {way: _by_training(rates) for way, rates in own.items()}
+        if kind != REFERENCE and REFERENCE in by_seed.index:
+            cells = {
+                way: f"{cell}: {_difference(own[way] - by_seed.loc[REFERENCE, way])}" for way, cell in cells.items()
             }
-        )
+        means = {way: float(rates.mean()) for way, rates in own.items()}
+        rows.append({"kind": kind, "title": KINDS[kind], "mean": means} | dict.fromkeys(WAYS, "") | cells)
     return rows
+
+
+def _by_training(rates: pd.Series) -> str:
+    each = f" ({' / '.join(f'{rate:.0f}' for rate in rates)})" if len(rates) > 1 else ""
+    return f"{rates.mean():.0f}{each}"
 
 
 def _difference(points: pd.Series) -> str:
     points = points.dropna()
     if len(points) < 2:
-        return f"{points.mean():+.0f}, one seed"
+        return f"{round(points.mean()):+d}"
     half = stats.t.ppf(0.975, len(points) - 1) * points.std(ddof=1) / np.sqrt(len(points))
-    return f"{points.mean():+.0f} [{points.mean() - half:+.0f}, {points.mean() + half:+.0f}]"
+    mean, low, high = (round(end) for end in (points.mean(), points.mean() - half, points.mean() + half))
+    return f"{mean:+d} [{low:+d}, {high:+d}]"
