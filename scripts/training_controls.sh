@@ -20,7 +20,7 @@ cd "$(dirname "$0")/.."
 FOLDER=$(realpath -m "${1:-runs/training-controls${PERCENT:+-$PERCENT-percent}}")  # suites name checkpoints by it
 shift || true
 SEEDS=${*:-0 1 2}
-KINDS=${KINDS:-cross-sigmoid self-tanh cross-tanh self-sigmoid quirks joint cross-sigmoid-fresh other other-fresh matched matched-fresh}
+KINDS=${KINDS:-cross-sigmoid self-tanh cross-tanh self-sigmoid quirks joint cross-sigmoid-fresh self-tanh-fresh other other-fresh matched matched-fresh}
 DATA=$(realpath -m "${DEMONSTRATIONS:-$FOLDER/demonstrations}")
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 TASKS="maniskill/PushCube-v1 maniskill/PullCube-v1 pybullet/PandaReach-v3 robosuite/Lift robosuite/Door"

@@ -60,7 +60,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
     ("script", "verbs"),
     [
         ("zoo.sh", 24),
-        ("training_controls.sh", 298),
+        ("training_controls.sh", 325),
         ("robust_experts.sh", 24),
         ("arms.sh", 24),
         ("two_arms.sh", 10),

@@ -12,7 +12,7 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from tests import ROOT
-from tests.benchmarks import environments
+from tests.benchmarks import environments, training_controls
 from tests.benchmarks.document import MEASUREMENTS, PAGES
 
 NAMED = re.compile(r"python -m\s+tests\.benchmarks\s+(\w+)")
@@ -85,6 +85,11 @@ def test_what_the_page_says_of_blocks_is_in_the_rows():
     unaveraged = [row[way].partition(": ")[2] for row in others for way in ("experts", "signs", "ta-s")]
     assert max(abs(int(text.split(" [")[0])) for text in unaveraged) == 6
     widest = max(unaveraged, key=lambda text: int(text.split(", ")[1].rstrip("]")))
+    frame = pd.read_parquet(MEASUREMENTS / "training_controls.parquet")
+    tanh_first = frame[~frame.policy.str.match(r"cross-sigmoid-(experts|signs|ta-s|paper)-")]
+    tanh_first = tanh_first.assign(policy=tanh_first.policy.str.replace("cross-tanh", training_controls.REFERENCE))
+    both = next(row for row in training_controls.rows_of(tanh_first) if row["kind"] == "self-tanh")
+    assert both["paper"].endswith(": -17 [-25, -10]")
     assert f"with intervals as wide as [{widest.split('[')[1]}." in page
     averaged = {kind: row["paper"] for kind, row in by_kind.items()}
     tanh, attention, adapter = (row["paper"].partition(": ")[2] for row in others)
@@ -96,3 +101,4 @@ def test_what_the_page_says_of_blocks_is_in_the_rows():
     assert [by_kind["cross-sigmoid-fresh"][way].split(" (")[1][0] for way in ("ta-s", "paper")] == ["7", "8"]
     each = [[int(rate) for rate in averaged[row["kind"]].split("(")[1].split(")")[0].split(" / ")] for row in others]
     assert [max(rates) - min(rates) for rates in [*each, [68, 62, 55]]] == [12, 30, 14, 13]
+    assert by_kind["self-sigmoid"]["experts"].startswith("87 (93 / 78 / 91)")

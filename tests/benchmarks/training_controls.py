@@ -38,7 +38,7 @@ KINDS = {
 """Kind of training to its name, in the order of the table."""
 WAYS = {
     "experts": "experts",
-    "signs": "two bits of magnitudes",
+    "signs": "one bit of magnitudes",
     "ta-s": "TA+S, trunk by vectors",
     "paper": "TA+S, averaged trunk",
 }
@@ -82,9 +82,8 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
         own = {way: by_seed.loc[kind, way].dropna() for way in WAYS if (kind, way) in by_seed.index}
         cells = {way: _by_training(rates) for way, rates in own.items()}
         if kind != REFERENCE and REFERENCE in by_seed.index:
-            cells = {
-                way: f"{cell}: {_difference(own[way] - by_seed.loc[REFERENCE, way])}" for way, cell in cells.items()
-            }
+            apart = {way: (rates - by_seed.loc[REFERENCE, way]).dropna() for way, rates in own.items()}
+            cells |= {way: f"{cells[way]}: {_difference(points)}" for way, points in apart.items() if len(points)}
         means = {way: float(rates.mean()) for way, rates in own.items()}
         rows.append({"kind": kind, "title": KINDS[kind], "mean": means} | dict.fromkeys(WAYS, "") | cells)
     return rows
@@ -96,7 +95,6 @@ def _by_training(rates: pd.Series) -> str:
 
 
 def _difference(points: pd.Series) -> str:
-    points = points.dropna()
     if len(points) < 2:
         return f"{round(points.mean()):+d}"
     half = stats.t.ppf(0.975, len(points) - 1) * points.std(ddof=1) / np.sqrt(len(points))

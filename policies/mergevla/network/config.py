@@ -105,7 +105,7 @@ class ExpertConfig:
 
     heads: Size
     self_attention: bool = False
-    """VLA-Adapter's block, the paper's negative control: the chunk's steps attend to each other too, one query
+    """VLA-Adapter's block, which the paper compares with: the chunk's steps attend to each other too, one query
     projection serves all keys, and the gate is a tanh."""
     tanh_gate: bool | None = None
     """Gate by tanh instead of sigmoid; None for the variant's own, so that each change can be studied separately."""
