@@ -118,7 +118,7 @@ class Placement:
         """Id of a node and simulator to why it cannot be opened there."""
 
     def nodes(self, simulator: Simulator) -> frozenset[str]:
-        """Ids of the nodes that a worker is bound to, so that it can open the simulator.
+        """Ids of the nodes on which a worker is placed, so that it can open the simulator.
 
         There are none if no node lacked it so far, so that the worker may wait for one that joins, and if none can:
         then the worker itself reports why. A node that lacked it may come back after it is lost, while the worker
@@ -155,7 +155,7 @@ class Placement:
                 self._reasons[node, simulator.name] = str(error)
 
 
-def bound_to(nodes: Collection[str]) -> Mapping[str, Any]:
+def placed_on(nodes: Collection[str]) -> Mapping[str, Any]:
     """Options that put a Ray actor on one of these nodes; on any if there are none."""
     return {"label_selector": {"ray.io/node-id": f"in({','.join(sorted(nodes))})"}} if nodes else {}
 

@@ -17,7 +17,7 @@ from ray.exceptions import RayError
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator, SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver, worker_environment
-from robogauntlet.orchestrator.ray_runtime.cluster import Placement, bound_to
+from robogauntlet.orchestrator.ray_runtime.cluster import Placement, placed_on
 from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
     RayLost,
@@ -73,7 +73,7 @@ def run_per_simulator(
             if reason := environments.missing_reason(simulator):
                 yield name, ProcessEnded(reason)
                 continue
-            options = {**room, **bound_to(placement.nodes(simulator))}
+            options = {**room, **placed_on(placement.nodes(simulator))}
             environment = with_temporary_folder(environments.ray_runtime_env(simulator))
             actors[name] = process.options(runtime_env=environment, **options).remote()
             streams[actors[name].run.remote(generator, its_arguments)] = name

@@ -19,7 +19,7 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement, bound_to
+from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement, placed_on
 from robogauntlet.orchestrator.ray_runtime.session import (
     RayLost,
     check_alive,
@@ -133,7 +133,7 @@ class RayWorkerPool:
         with self._pool_errors():
             description = catalog.find(simulator)
             nodes = self._placement.nodes(description)
-            options = {**self._resources.get(simulator, Resources()).ray_options(), **bound_to(nodes)}
+            options = {**self._resources.get(simulator, Resources()).ray_options(), **placed_on(nodes)}
             environment = with_temporary_folder(self._environments.ray_runtime_env(description))
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1
@@ -152,8 +152,8 @@ class RayWorkerPool:
             able, free = self._placement.able(catalog.find(simulator)), available_resources_per_node()
         return sum(workers_that_fit(free.get(node, {}), options) for node in able)
 
-    def bound_elsewhere(self, workers: Sequence[worker_pool.Worker]) -> Sequence[RayWorker]:
-        """Those that nodes they are not bound to could serve now, since nodes joined or left after their start."""
+    def placeable_elsewhere(self, workers: Sequence[worker_pool.Worker]) -> Sequence[RayWorker]:
+        """Those that could be placed on other nodes if they were started now, since nodes joined or left."""
         self.check(after_s=0.0)
         ray_workers = [cast(RayWorker, worker) for worker in workers]
         simulators = {worker.simulator for worker in ray_workers}

@@ -191,7 +191,7 @@ class Scheduler(Generic[Result]):
     def _elsewhere(self, slots: Sequence[Slot]) -> list[Slot]:
         """Those whose workers would find other nodes if they were started now."""
         workers = [slot.worker for slot in slots if slot.worker is not None]
-        found = {id(worker) for worker in (self.pool.bound_elsewhere(workers) if workers else ())}
+        found = {id(worker) for worker in (self.pool.placeable_elsewhere(workers) if workers else ())}
         return [slot for slot in slots if id(slot.worker) in found]
 
     def _end_waiting(self, slot: Slot) -> None:

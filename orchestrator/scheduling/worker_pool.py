@@ -67,8 +67,8 @@ class WorkerPool(Protocol):
     def room(self, simulator: str) -> int:
         """Number of further workers of a simulator for which there is room now."""
 
-    def bound_elsewhere(self, workers: Sequence[Worker]) -> Sequence[Worker]:
-        """Those that nodes they are not bound to could serve now, since nodes joined or left after their start."""
+    def placeable_elsewhere(self, workers: Sequence[Worker]) -> Sequence[Worker]:
+        """Those that could be placed on other nodes if they were started now, since nodes joined or left."""
 
     def wait(self, timeout_s: float) -> Sequence[Worker]:
         """Return the workers that have an event, as soon as there are any.

@@ -13,7 +13,7 @@ import pytest
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime import cluster
-from robogauntlet.orchestrator.ray_runtime.cluster import ClusterHead, NoCluster, Placement, bound_to, check_address
+from robogauntlet.orchestrator.ray_runtime.cluster import ClusterHead, NoCluster, Placement, check_address, placed_on
 
 
 class Clock:
@@ -143,7 +143,7 @@ def test_workers_are_placed_where_their_simulator_can_be_opened(lacking, nodes, 
     asked = nodes_without(simulator, lacking, monkeypatch)
     placement = Placement(EnvironmentResolver())
     assert placement.nodes(simulator) == placement.nodes(simulator) == frozenset(nodes)
-    assert bound_to(placement.nodes(simulator)) == options
+    assert placed_on(placement.nodes(simulator)) == options
     assert placement.able(simulator) == [node for node in "abc" if node not in lacking]
     assert asked == ["a", "b", "c"]
 

@@ -134,7 +134,7 @@ class SimulatedWorkerPool:
     def room(self, simulator):
         return 0
 
-    def bound_elsewhere(self, workers):
+    def placeable_elsewhere(self, workers):
         return []
 
     def start(self, name, simulator, first):

@@ -240,13 +240,13 @@ def test_room_is_what_workers_have_left_of_the_cores():
     ("before", "now", "elsewhere"),
     [("ab", "ab", False), ("ab", "b", False), ("ab", "bc", True), ("ab", "", True), ("", "a", True), ("", "", False)],
 )
-def test_a_worker_is_bound_elsewhere_if_other_nodes_could_serve_it(before, now, elsewhere, monkeypatch):
-    """Letters are nodes that workers are bound to; none is any node."""
+def test_a_worker_is_placeable_elsewhere_if_other_nodes_could_serve_it(before, now, elsewhere, monkeypatch):
+    """Letters are nodes on which workers are placed; none is any node."""
     pool = RayWorkerPool({"zero": PolicySource("zero")})
     worker = pool.start("null-0", "null", Cell("zero", "zero", "null/Reach", Protocol(20)))
     worker.nodes = frozenset(before)
     monkeypatch.setattr(Placement, "nodes", lambda *_: frozenset(now))
-    assert pool.bound_elsewhere([worker]) == [worker] * elsewhere
+    assert pool.placeable_elsewhere([worker]) == [worker] * elsewhere
     pool.end(worker)
     pool.close()
 

@@ -149,7 +149,7 @@ class JoiningPool(ClusterPool):
     def startable(self, worker, simulator):
         return [core for core in self.free(simulator) if core < self.known[worker]]
 
-    def bound_elsewhere(self, workers):
+    def placeable_elsewhere(self, workers):
         return [worker for worker in workers if self.known[worker] < len(self.cores)]
 
 
