@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -150,15 +150,30 @@ class Demonstrations:
             return self._decoded[camera][frames]
         if camera not in self.spec.cameras:
             raise DatasetError(f"{self.folder}: expected camera {', '.join(self.spec.cameras)}, got {camera}")
-        encoded = self._png.column(image_key(camera))
-        return self._stack(camera, [encoded[int(frame)].as_py() for frame in frames])
+        encoded, images = self._png.column(image_key(camera)), self._empty(len(frames))
+        self._decode(camera, (encoded[int(frame)] for frame in frames), images)
+        return images
+
+    @property
+    def image_bytes(self) -> int:
+        """Memory for its decoded images (bytes)."""
+        return len(self) * len(self.spec.cameras) * self.spec.image_size**2 * 3
 
     def preload(self) -> None:
-        """Decode all images now: needs 28 KB per frame and camera at 96 px, saves several hundred microseconds each."""
-        for camera in self.spec.cameras:
-            if camera not in self._decoded:
-                self._decoded[camera] = self.images(camera, np.arange(len(self)))
-        self.__dict__.pop("_png", None)
+        """Decode all images now, one data file after another.
+
+        Needs 28 KB per frame and camera at 96 px, and saves several hundred microseconds each.
+        """
+        if self._decoded:
+            return
+        decoded = {camera: self._empty(len(self)) for camera in self.spec.cameras}
+        begin = 0
+        for part in self._tables([image_key(camera) for camera in self.spec.cameras]):
+            end = begin + len(part)
+            for camera, images in decoded.items():
+                self._decode(camera, part.column(image_key(camera)), images[begin:end])
+            begin = end
+        self._decoded = decoded
 
     def batch(self, frames: NDArray[np.int64], *, chunk_length: int = CHUNK_LENGTH) -> Batch:
         """Return these frames, each with the actions from there on."""
@@ -203,10 +218,12 @@ class Demonstrations:
     def _png(self) -> pa.Table:
         return self._read([image_key(camera) for camera in self.spec.cameras])
 
-    def _stack(self, camera: str, rows: Sequence[Mapping[str, bytes | None] | None]) -> NDArray[np.uint8]:
-        size = self.spec.image_size
-        stacked = np.empty((len(rows), size, size, 3), np.uint8)
-        for place, row in zip(stacked, rows, strict=True):
+    def _empty(self, images: int) -> NDArray[np.uint8]:
+        return np.empty((images, self.spec.image_size, self.spec.image_size, 3), np.uint8)
+
+    def _decode(self, camera: str, encoded: Iterable[pa.Scalar], images: NDArray[np.uint8]) -> None:
+        for place, scalar in zip(images, encoded, strict=True):
+            row = scalar.as_py()
             png = row["bytes"] if row is not None else None
             if png is None:
                 raise DatasetError(f"{self.folder}: {camera}: expected images within the data files, got none")
@@ -217,12 +234,15 @@ class Demonstrations:
             if image.shape != place.shape:
                 raise DatasetError(f"{self.folder}: {camera}: expected images {place.shape}, got {image.shape}")
             place[:] = image
-        return stacked
 
     def _read(self, columns: Sequence[str]) -> pa.Table:
+        return pa.concat_tables(self._tables(columns), promote_options="default")
+
+    def _tables(self, columns: Sequence[str]) -> Iterator[pa.Table]:
+        """Yield these columns of one data file after another."""
         if not self._files:
             raise DatasetError(f"{self.folder}: expected data/chunk-000/file-000.parquet, got no data file")
-        parts: list[pa.Table] = []
+        first: pa.Schema | None = None
         for path in self._files:
             try:
                 file = pq.ParquetFile(path)
@@ -232,13 +252,12 @@ class Demonstrations:
                 part = file.read(list(columns))
             except UNREADABLE as error:
                 raise DatasetError(f"{path}: cannot be read: {first_line(error)}") from None
-            first = parts[0].schema if parts else part.schema
+            first = first or part.schema
             for name in columns:
                 if part.schema.field(name).type != first.field(name).type:
                     kinds = f"{first.field(name).type}, got {part.schema.field(name).type}"
                     raise DatasetError(f"{path}: expected {name} as in {self._files[0].name}, {kinds}")
-            parts.append(part)
-        return pa.concat_tables(parts, promote_options="default")
+            yield part
 
     def _column(self, table: pa.Table, name: str, width: int) -> NDArray[Any]:
         try:

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import Body
@@ -68,9 +69,16 @@ class DatasetMixture:
     def open(cls, folders: Sequence[Path]) -> DatasetMixture:
         """Open the datasets in these folders (datasets or folders of them), with decoded images in memory.
 
-        Raises DatasetError if a dataset starts as an evaluation would: it has a seed that suites play.
+        Raises DatasetError if a dataset starts as an evaluation would: it has a seed that suites play; and if there is
+        not enough memory.
         """
         mixture = cls(open_datasets(folders))
+        needed, available = sum(dataset.image_bytes for dataset in mixture.datasets), psutil.virtual_memory().available
+        if needed > available:
+            raise DatasetError(
+                f"expected {needed / 1e9:.1f} GB of memory for the decoded images of these datasets, "
+                f"{available / 1e9:.1f} GB are available; train on fewer episodes"
+            )
         for dataset in mixture.datasets:
             dataset.preload()
         return mixture

@@ -2,7 +2,9 @@
 
 import errno
 import json
+from itertools import groupby
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +14,7 @@ import pytest
 from robogauntlet.adapters.contract import Body
 from robogauntlet.policies.training.dataset import Demonstrations, find_datasets, pooled_hash
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
-from robogauntlet.policies.training.lerobot_format import DatasetError, image_key
+from robogauntlet.policies.training.lerobot_format import DatasetError, decode_png, image_key
 from tests.errors import one_line_error
 from tests.policies.training.synthetic import recording, write
 
@@ -118,6 +120,31 @@ def test_preloaded_images_are_the_same(dataset):
     after = dataset.batch(np.array([2, 9]))
     for camera in dataset.spec.cameras:
         assert np.array_equal(before.images[camera], after.images[camera])
+
+
+def test_images_are_preloaded_one_data_file_after_another(recordings, tmp_path, monkeypatch):
+    """So that all encoded and all decoded images are never in memory together."""
+    write(tmp_path / "set", recordings, per_file=1)
+    dataset, events = Demonstrations(tmp_path / "set"), []
+
+    def logged(event, function):
+        return lambda *given, **options: (events.append(event), function(*given, **options))[1]
+
+    monkeypatch.setattr(pq, "ParquetFile", logged("file", pq.ParquetFile))
+    module = "robogauntlet.policies.training.dataset"
+    monkeypatch.setattr(f"{module}.decode_png", logged("image", decode_png))
+    dataset.preload()
+    assert [event for event, _ in groupby(events)] == ["file", "image"] * len(LENGTHS)
+
+
+def test_images_that_do_not_fit_into_memory_are_refused_in_one_line(tmp_path, monkeypatch):
+    write(tmp_path, [recording(1_000_000, 6)])
+    needed = 6 * 2 * 16**2 * 3
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(available=needed))
+    DatasetMixture.open([tmp_path])
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(available=needed - 1))
+    with one_line_error(DatasetError, "expected 0.0 GB of memory for the decoded images of these datasets, 0.0 GB"):
+        DatasetMixture.open([tmp_path])
 
 
 def test_the_hash_does_not_depend_on_files_or_order(dataset, recordings, tmp_path):
