@@ -89,7 +89,7 @@ def test_the_tool_is_brought_to_another_start_whatever_joints_and_gripper_the_ar
 @pytest.mark.simulator
 @pytest.mark.parametrize("task", ["Lift@IIWA", "Stack@UR5e", "Door@XArm7"])
 def test_the_panda_s_oracle_succeeds_with_another_arm(task):
-    assert None not in steps_to_success(SIMULATOR, task, range(2), noise=0.1)
+    assert None not in steps_to_success(SIMULATOR, task, range(2), noises=(0.1,))
 
 
 def test_a_pattern_finds_other_arms_only_if_it_names_one():

@@ -22,7 +22,7 @@ import numpy as np
 
 
 def policy(images, proprioception, instruction):
-    until = time.monotonic() + 3
+    until = time.monotonic() + 9
     while time.monotonic() < until and not Path("GATE").exists():
         time.sleep(0.1)
     return np.zeros((60, 7))
@@ -31,11 +31,11 @@ SUITE = """
 name: nodes
 policies: [oracle, {name: waits, kind: python, options: {callable: "mine:policy", folder: FOLDER}}]
 tasks: [null/Slow]
-seeds: {count: 60}
+seeds: {count: 20}
 workers: auto
 episode_time_limit_s: 600
 """
-"""Each query waits 3 s, or for a file, so that the run is not over before a node has joined."""
+"""Each query waits 9 s, or for a file, so that the run is not over before a node has joined."""
 
 
 @pytest.fixture

@@ -22,4 +22,4 @@ def test_the_oracle_succeeds_within_the_horizon(task):
 @pytest.mark.simulator
 @pytest.mark.parametrize("task", SIMULATOR.tasks)
 def test_the_oracle_recovers_from_noise_in_the_executed_action(task):
-    assert steps_to_success(SIMULATOR, task, SEEDS, noise=0.1, horizons=2).count(None) <= 1
+    assert steps_to_success(SIMULATOR, task, SEEDS, noises=(0.1,), horizons=2).count(None) <= 1

