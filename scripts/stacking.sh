@@ -2,7 +2,7 @@
 # What limits the zoo's experts of Stack and StackCube: the same by other trainings. Demonstrations, corrections of the
 # zoo's experts (DAgger), experts. Finished parts are skipped and stopped ones continue, so the same command goes on after
 # any interruption. `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
-# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes two to three hours on two cores.
+# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes four hours on two cores.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -18,7 +18,9 @@ TRAININGS="longer robosuite/Stack 8 21000 1e-3 demonstrations
 corrected robosuite/Stack 8 14000 1e-3 demonstrations corrections
 corrected maniskill/StackCube-v1 2 14000 1e-3 demonstrations corrections
 corrected-slowly maniskill/StackCube-v1 2 12000 5e-4 demonstrations corrections
-slowly maniskill/StackCube-v1 2 12000 5e-4 demonstrations"
+slowly maniskill/StackCube-v1 2 12000 5e-4 demonstrations
+more robosuite/Stack 8 20000 7e-4 more-demonstrations
+more maniskill/StackCube-v1 2 20000 7e-4 more-demonstrations"
 export OMP_NUM_THREADS=1
 
 demonstrate() {
@@ -29,6 +31,7 @@ demonstrate() {
 
 record() {
     demonstrate demonstrations "$@"
+    demonstrate more-demonstrations "$1" 2000
     demonstrate corrections "$1" 400 --learner zoo:experts --whole --first-seed 1500000
 }
 

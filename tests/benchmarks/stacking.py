@@ -28,6 +28,7 @@ TITLES = {
     SHIPPED: "the zoo's",
     "longer": "half as many steps more",
     "slowly": "half the learning rate",
+    "more": "2,000 demonstrations",
     "corrected": "400 corrections beside the demonstrations",
     "corrected-slowly": "400 corrections, half the learning rate",
 }

@@ -63,6 +63,10 @@ def test_what_the_page_says_of_other_trainings_is_in_the_rows():
     page = (ROOT / "docs/mergevla.md").read_text(encoding="utf-8")
     rates = [found[task, stacking.SHIPPED]["success"].partition(" %")[0] for task in ("Stack", "StackCube-v1")]
     assert f"these two experts have {rates[0]} and {rates[1]}." in page
+    for task in ("Stack", "StackCube-v1"):
+        more = found[task, "more"]
+        rate, apart = more["success"].partition(" [")[0], more["apart"].replace(" [", " points [")
+        assert f"{task.removesuffix('-v1')} has {rate} ({apart})" in page
     assert found["Stack", "corrected"]["apart"] == "-16 [-27, -5]"
     assert "16 points [5, 27] of Stack" in page
     assert found["StackCube-v1", "corrected-slowly"]["apart"] == "-10 [-19, -1]"
