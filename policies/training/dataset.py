@@ -166,6 +166,7 @@ class Demonstrations:
         """
         if self._decoded:
             return
+        self.__dict__.pop("_png", None)
         decoded = {camera: self._empty(len(self)) for camera in self.spec.cameras}
         begin = 0
         for part in self._tables([image_key(camera) for camera in self.spec.cameras]):

@@ -23,6 +23,9 @@ HELD_OUT_EVERY = 10
 MOST_HELD_OUT = 128
 """Largest number of held-out frames per dataset, evenly spread."""
 
+LARGEST_SHARE = 0.8
+"""Largest share of the available memory that decoded images may take; the rest is for reading and training."""
+
 
 class HeldOut(Enum):
     """Which of the held-out episodes: what is chosen on one half is scored on the other."""
@@ -73,11 +76,12 @@ class DatasetMixture:
         not enough memory.
         """
         mixture = cls(open_datasets(folders))
-        needed, available = sum(dataset.image_bytes for dataset in mixture.datasets), psutil.virtual_memory().available
-        if needed > available:
+        needed = sum(dataset.image_bytes for dataset in mixture.datasets)
+        most = LARGEST_SHARE * psutil.virtual_memory().available
+        if needed > most:
             raise DatasetError(
-                f"expected {needed / 1e9:.1f} GB of memory for the decoded images of these datasets, "
-                f"{available / 1e9:.1f} GB are available; train on fewer episodes"
+                f"expected at most {most / 1e9:.1f} GB of decoded images, {LARGEST_SHARE:.0%} of the available memory, "
+                f"got {needed / 1e9:.1f} GB; train on fewer datasets, or on shorter ones"
             )
         for dataset in mixture.datasets:
             dataset.preload()

@@ -74,7 +74,7 @@ def start_slurm(cluster, folder, stack):
     key.chmod(0o400)
     shutil.chown(key, "root")
     cluster.environment["SLURM_CONF"] = str(configuration)
-    cluster.environment["RAY_gcs_rpc_server_reconnect_timeout_s"] = "5"
+    cluster.environment["RAY_gcs_rpc_server_reconnect_timeout_s"] = "20"
     cluster.environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     munge = ["munged", "--foreground", "--force", f"--socket={folder / 'munge.socket'}", f"--key-file={key}"]
     munge += [f"--pid-file={folder / 'munge.pid'}", f"--log-file={folder / 'munge.log'}"]

@@ -13,7 +13,7 @@ import pytest
 
 from robogauntlet.adapters.contract import Body
 from robogauntlet.policies.training.dataset import Demonstrations, find_datasets, pooled_hash
-from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.dataset_mixture import LARGEST_SHARE, DatasetMixture
 from robogauntlet.policies.training.lerobot_format import DatasetError, decode_png, image_key
 from tests.errors import one_line_error
 from tests.policies.training.synthetic import recording, write
@@ -139,11 +139,11 @@ def test_images_are_preloaded_one_data_file_after_another(recordings, tmp_path, 
 
 def test_images_that_do_not_fit_into_memory_are_refused_in_one_line(tmp_path, monkeypatch):
     write(tmp_path, [recording(1_000_000, 6)])
-    needed = 6 * 2 * 16**2 * 3
-    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(available=needed))
+    needed = 6 * 2 * 16**2 * 3 / LARGEST_SHARE
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(available=needed + 1))
     DatasetMixture.open([tmp_path])
     monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(available=needed - 1))
-    with one_line_error(DatasetError, "expected 0.0 GB of memory for the decoded images of these datasets, 0.0 GB"):
+    with one_line_error(DatasetError, "expected at most 0.0 GB of decoded images, 80% of the available memory"):
         DatasetMixture.open([tmp_path])
 
 
