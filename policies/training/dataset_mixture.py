@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import Body
@@ -17,6 +16,7 @@ from robogauntlet.policies.mergevla.network.normalisation import Statistics, Tas
 from robogauntlet.policies.training.augmentation import change_words, shift
 from robogauntlet.policies.training.dataset import Batch, Demonstrations, open_datasets, pooled_hash
 from robogauntlet.policies.training.lerobot_format import DatasetError, Floats
+from robogauntlet.support.memory import available_memory
 
 HELD_OUT_EVERY = 10
 """The last of every ten episodes is held out."""
@@ -77,7 +77,7 @@ class DatasetMixture:
         """
         mixture = cls(open_datasets(folders))
         needed = sum(dataset.image_bytes for dataset in mixture.datasets)
-        most = LARGEST_SHARE * psutil.virtual_memory().available
+        most = LARGEST_SHARE * available_memory()
         if needed > most:
             raise DatasetError(
                 f"expected at most {most / 1e9:.1f} GB of decoded images, {LARGEST_SHARE:.0%} of the available memory, "

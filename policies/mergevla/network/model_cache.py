@@ -6,9 +6,10 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from typing import Generic, TypeVar
 
-import psutil
 import torch
 from torch import Tensor
+
+from robogauntlet.support.memory import available_memory
 
 Key = TypeVar("Key")
 Network = TypeVar("Network")
@@ -70,4 +71,4 @@ class ModelCache(Generic[Key, Network]):
 
 def _free(device: torch.device) -> int:
     """Free memory of a device (bytes)."""
-    return torch.cuda.mem_get_info(device)[0] if device.type == "cuda" else psutil.virtual_memory().available
+    return torch.cuda.mem_get_info(device)[0] if device.type == "cuda" else available_memory()
