@@ -40,6 +40,12 @@ NodeName=node2 NodeAddr=10.77.0.2 CPUs=1 State=UNKNOWN
 PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 """
 
+LATE = """#!/bin/bash
+[[ $SLURM_NODEID != 0 || $1 != symmetric-run ]] || sleep 20
+exec RAY "$@"
+"""
+"""The command `ray` that starts late on the head, as from a slow file system: Ray alone would give up before."""
+
 
 @pytest.fixture
 def short_folder():
@@ -74,8 +80,12 @@ def start_slurm(cluster, folder, stack):
     key.chmod(0o400)
     shutil.chown(key, "root")
     cluster.environment["SLURM_CONF"] = str(configuration)
-    cluster.environment["RAY_gcs_rpc_server_reconnect_timeout_s"] = "20"
-    cluster.environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    cluster.environment["RAY_gcs_rpc_server_reconnect_timeout_s"] = "5"
+    programs = Path(sys.executable).parent
+    (late := folder / "late").mkdir()
+    (late / "ray").write_text(LATE.replace("RAY", str(programs / "ray")))
+    (late / "ray").chmod(0o755)
+    cluster.environment["PATH"] = f"{late}:{programs}:{os.environ['PATH']}"
     munge = ["munged", "--foreground", "--force", f"--socket={folder / 'munge.socket'}", f"--key-file={key}"]
     munge += [f"--pid-file={folder / 'munge.pid'}", f"--log-file={folder / 'munge.log'}"]
     munge += [f"--seed-file={folder / 'munge.seed'}"]
