@@ -1,16 +1,16 @@
 #!/usr/bin/env bash
-# What limits the zoo's experts of Stack and StackCube: the same by other trainings. Demonstrations, as many as the
-# zoo's and 2000, corrections of the zoo's experts (DAgger), experts. Finished parts are skipped and stopped ones continue, so the same command goes on after
-# any interruption. `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
-# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes four hours on two cores
-# and 13 GB of memory.
+# What limits the zoo's experts of Stack and StackCube: the same by other trainings. Demonstrations, as many as the zoo's
+# and 2000, corrections of the zoo's experts (DAgger), experts. Finished parts are skipped and stopped ones continue, so
+# the same command goes on after any interruption. `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside
+# the zoo's.
+# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes some four hours and 16 GB of memory on two cores.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/percent.sh
 FOLDER=${1:-runs/stacking${PERCENT:+-$PERCENT-percent}}
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
-# Task, demonstrations of the zoo's expert.
+# Task, number of demonstrations of the zoo's expert.
 TASKS="robosuite/Stack 700
 maniskill/StackCube-v1 500"
 # Name of a training, task, its action steps, steps, learning rate, datasets. The zoo's have 14000 steps (Stack) and
