@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
 # Experts of scenes that vary along ten axes, with words that are changed in training, and their merges, beside the zoo's
 # under all axes: demonstrations, experts from the zoo's base, two merged models, two runs. Then experts of three further
-# tasks with the zoo's budget, beside the zoo's. Finished parts are skipped and stopped ones continue, so the same command
+# tasks beside plain ones of an equal budget. Finished parts are skipped and stopped ones continue, so the same command
 # goes on after any interruption.
-# Usage: scripts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some six hours on two cores.
+# Usage: scripts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some eight hours on two cores.
 # PERCENT=2 AXES=table does the same in minutes from a fiftieth of everything, along one axis: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/percent.sh
 FOLDER=$(realpath -m "${1:-runs/robust-experts${PERCENT:+-$PERCENT-percent}}")  # the suite names checkpoints by it
-DATA="$FOLDER/demonstrations"
+DATA="$FOLDER/varied/demonstrations"
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 # Task, demonstrations, steps of its expert's training, further options: the longest first, so that both processes end
 # together. PandaReach's goal is a point in the air, which two moved cameras have to locate.
@@ -19,42 +19,47 @@ robosuite/Door 300 3000 --action-steps 4
 robosuite/Lift 300 2500 --action-steps 4
 maniskill/PushCube-v1 300 2500 --action-steps 4
 maniskill/PullCube-v1 300 2500 --action-steps 4"
-# Three further tasks with as many demonstrations, corrections and steps as in zoo.sh.
+# Three further tasks, each with a plain expert and one of varied scenes.
 CORRECTED=pybullet/PandaPush-v3
 EQUAL_BUDGET="robosuite/Stack 700 14000 --adapt-convolutions --action-steps 8
 maniskill/StackCube-v1 500 12000 --adapt-convolutions --action-steps 2
 $CORRECTED 500 9000 --adapt-convolutions --action-steps 4"
 VARIED="camera-orbit@3 camera-distance@3 field-of-view@3 light-direction@3 illuminance@3 colour-temperature@3 table@3
 distractors@3 object-position@2 robot-start@2"
-export OMP_NUM_THREADS=1 FOLDER DATA ROBOGAUNTLET CORRECTED
+export OMP_NUM_THREADS=1 FOLDER ROBOGAUNTLET CORRECTED
 
 vary=()
 for axis in $VARIED; do vary+=(--vary "$axis"); done
+# Kind of scenes, first seed, tasks, options.
 demonstrate() {
-    "$ROBOGAUNTLET" policies demonstrate "$1" --workers 2 "${vary[@]}" "${@:2}" </dev/null
+    while read -r task demonstrations _; do
+        "$ROBOGAUNTLET" policies demonstrate "$task" --workers 2 --out "$FOLDER/$1/demonstrations" \
+            --episodes "$(few "$demonstrations")" --first-seed "$2" "${@:4}" </dev/null
+    done <<<"$3"
+    # As in the zoo, one task's expert learns from being corrected as well: the zoo's expert acts, the oracle takes over.
+    "$ROBOGAUNTLET" policies demonstrate "$CORRECTED" --workers 2 --out "$FOLDER/$1/corrections" \
+        --episodes "$(few 300)" --first-seed "$(($2 + 500000))" --learner zoo:experts --whole "${@:4}"
 }
-while read -r task demonstrations _; do
-    demonstrate "$task" --out "$DATA" --episodes "$(few "$demonstrations")" --first-seed 3000000
-done <<<"$EQUAL_BUDGET
-$EXPERTS"
-# As in the zoo, one task's expert learns from being corrected as well: the zoo's expert acts, the oracle takes over.
-demonstrate "$CORRECTED" --learner zoo:experts --whole --out "$FOLDER/corrections" --episodes "$(few 300)" \
-    --first-seed 3500000
+demonstrate plain 1000000 "$EQUAL_BUDGET"
+demonstrate varied 3000000 "$EQUAL_BUDGET
+$EXPERTS" "${vary[@]}"
 
-# Folder of the experts, task, demonstrations, steps, further options.
+# Folder of the experts, kind of scenes, task, demonstrations, steps, further options.
 expert() {
-    local name="${2/\//__}"
-    local data=("$DATA/$name")
-    [ "$2" != "$CORRECTED" ] || data+=("$FOLDER/corrections/$name")
+    local name="${3/\//__}" words=()
+    local data=("$FOLDER/$2/demonstrations/$name")
+    [ "$3" != "$CORRECTED" ] || data+=("$FOLDER/$2/corrections/$name")
+    [ "$2" = plain ] || words=(--change-words 0.3)
     [ -e "$FOLDER/$1/$name/card.json" ] ||
         "$ROBOGAUNTLET" policies finetune "${data[@]}" --base zoo:base --out "$FOLDER/$1/$name" \
-            --steps "$(few "$4")" --learning-rate 1e-3 --shift 2 --change-words 0.3 "${@:5}"
+            --steps "$(few "$5")" --learning-rate 1e-3 --shift 2 "${words[@]}" "${@:6}"
 }
 export -f expert
-# shellcheck disable=SC2001  # each line gets the folder
+# shellcheck disable=SC2001  # each line gets the folder and the kind of scenes
 {
-    sed "s/^/equal-budget /" <<<"$EQUAL_BUDGET"
-    sed "s/^/experts /" <<<"$EXPERTS"
+    sed "s|^|plain/experts plain |" <<<"$EQUAL_BUDGET"
+    sed "s/^/equal-budget varied /" <<<"$EQUAL_BUDGET"
+    sed "s/^/experts varied /" <<<"$EXPERTS"
 } | xargs -P 2 -L 1 bash -c 'expert "$@"' expert
 
 merge() {
@@ -96,7 +101,6 @@ family() {
 family robust "$FOLDER/" "$EXPERTS"
 family zoo zoo: "$EXPERTS
 $EQUAL_BUDGET"
-# The zoo's experts are played again: their rows are those of the run before.
-play equal-budget "$EQUAL_BUDGET" "  - {name: zoo, kind: mergevla-experts, options: {folder: 'zoo:experts'}}
+play equal-budget "$EQUAL_BUDGET" "  - {name: plain, kind: mergevla-experts, options: {folder: '$FOLDER/plain/experts'}}
   - {name: robust, kind: mergevla-experts, options: {folder: '$FOLDER/equal-budget'}}" \
-    "{baseline: zoo, others: [robust]}"
+    "{baseline: plain, others: [robust]}"

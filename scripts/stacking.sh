@@ -1,39 +1,38 @@
 #!/usr/bin/env bash
-# What limits the zoo's experts of Stack and StackCube: the same by other trainings. Demonstrations, as many as the zoo's
-# and 2000, corrections of the zoo's experts (DAgger), experts. Finished parts are skipped and stopped ones continue, so
-# the same command goes on after any interruption. `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside
-# the zoo's.
-# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes some four hours and 16 GB of memory on two cores.
+# What limits experts of Stack and StackCube: other trainings than the zoo's. Demonstrations and corrections of the
+# experts from fewer (DAgger), experts. Finished parts are skipped and stopped ones continue, so the same command
+# goes on after any interruption. `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
+# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes some four hours on two cores.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/percent.sh
 FOLDER=${1:-runs/stacking${PERCENT:+-$PERCENT-percent}}
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
-# Task, number of demonstrations of the zoo's expert.
+# Task, number of demonstrations; the zoo's experts have 2000.
 TASKS="robosuite/Stack 700
 maniskill/StackCube-v1 500"
-# Name of a training, task, its action steps, steps, learning rate, datasets. The zoo's have 14000 steps (Stack) and
-# 12000 (StackCube), a rate of 1e-3 and demonstrations alone.
-TRAININGS="longer robosuite/Stack 8 21000 1e-3 demonstrations
-corrected robosuite/Stack 8 14000 1e-3 demonstrations corrections
-corrected maniskill/StackCube-v1 2 14000 1e-3 demonstrations corrections
-corrected-slowly maniskill/StackCube-v1 2 12000 5e-4 demonstrations corrections
-slowly maniskill/StackCube-v1 2 12000 5e-4 demonstrations
-more robosuite/Stack 8 20000 7e-4 more-demonstrations
-more maniskill/StackCube-v1 2 20000 7e-4 more-demonstrations"
+# Name of a training, task, its action steps, steps, learning rate, datasets.
+TRAININGS="fewer robosuite/Stack 8 14000 1e-3 fast
+fewer maniskill/StackCube-v1 2 12000 1e-3 fast
+longer robosuite/Stack 8 21000 1e-3 fast-2
+slowly maniskill/StackCube-v1 2 12000 5e-4 fast-2"
+CORRECTED="corrected robosuite/Stack 8 14000 1e-3 fast-2 corrections
+corrected maniskill/StackCube-v1 2 14000 1e-3 fast-2 corrections
+corrected-slowly maniskill/StackCube-v1 2 12000 5e-4 fast-2 corrections"
 export OMP_NUM_THREADS=1
 
+# A folder for each task, since one process at a time records into one: its dataset, task, number, render profile.
 demonstrate() {
-    local out="$FOLDER/$1/${2/\//__}"
-    "$ROBOGAUNTLET" policies demonstrate "$2" --out "$out" --episodes "$(few "$3")" --render-profile fast-2 \
-        --workers 1 "${@:4}"
+    "$ROBOGAUNTLET" policies demonstrate "$2" --out "$FOLDER/$1/${2/\//__}" --episodes "$(few "$3")" \
+        --render-profile "$4" --workers 1 "${@:5}"
 }
-
 record() {
-    demonstrate demonstrations "$@"
-    demonstrate more-demonstrations "$1" 2000
-    demonstrate corrections "$1" 400 --learner zoo:experts --whole --first-seed 1500000
+    demonstrate fast "$@" fast
+    demonstrate fast-2 "$@" fast-2
+}
+correct() {
+    demonstrate corrections "$1" 400 fast-2 --learner "$FOLDER/experts/fewer" --whole --first-seed 1500000
 }
 
 train() {
@@ -44,8 +43,10 @@ train() {
         "$ROBOGAUNTLET" policies finetune "${data[@]}" --base zoo:base --out "$out" --steps "$(few "$4")" \
             --learning-rate "$5" --shift 2 --adapt-convolutions --action-steps "$3"
 }
-export -f demonstrate record train
+export -f demonstrate record correct train
 export FOLDER ROBOGAUNTLET
-# A folder for each task, since one process at a time records into one.
-xargs -P 2 -L 1 bash -euo pipefail -c 'record "$@"' record <<<"$TASKS"
-xargs -P 2 -L 1 bash -euo pipefail -c 'train "$@"' train <<<"$TRAININGS"
+side_by_side() { xargs -P 2 -L 1 bash -euo pipefail -c "$1"' "$@"' "$1"; }
+side_by_side record <<<"$TASKS"
+side_by_side train <<<"$TRAININGS"
+side_by_side correct <<<"$TASKS"
+side_by_side train <<<"$CORRECTED"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -61,7 +61,7 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
     [
         ("zoo.sh", 24),
         ("training_controls.sh", 325),
-        ("robust_experts.sh", 24),
+        ("robust_experts.sh", 31),
         ("arms.sh", 24),
         ("two_arms.sh", 10),
         ("so101.sh", 5),
@@ -77,24 +77,24 @@ def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp
     assert len(commands) == verbs
 
 
-def test_experts_of_an_equal_budget_have_that_of_the_zoo(tmp_path: Path) -> None:
-    budgets, corrections = [], []
-    for script in ("zoo.sh", "robust_experts.sh"):
-        text = (SCRIPTS / script).read_text(encoding="utf-8")
-        line = r"(robosuite/Stack|maniskill/StackCube-v1|\$CORRECTED) (\d+ \d+ [^\"\n]*)"
-        budgets.append(dict(re.findall(line, text)))
-        (tmp_path / script).mkdir()
-        commands = commands_of(script, tmp_path / script)
-        corrections.append([parsed(command)["episodes"] for command in commands if "--learner" in command])
-    assert len(budgets[0]) == 3
-    assert budgets[0] == budgets[1]
-    assert corrections[0] == corrections[1] == [300]
+def test_plain_experts_and_those_of_varied_scenes_have_an_equal_budget(tmp_path: Path) -> None:
+    commands = [parsed(command) for command in commands_of("robust_experts.sh", tmp_path)]
+    trained = [command for command in commands if "steps" in command]
+    same = ("steps", "learning_rate", "shift", "adapt_convolutions", "action_steps")
+    budgets: dict[str, dict[str, list[object]]] = {"plain/experts": {}, "equal-budget": {}}
+    for (kind, found), command in product(budgets.items(), trained):
+        out = Path(str(command["out_folder"]))
+        if out.parent == tmp_path / "out" / kind:
+            found[out.name] = [command[name] for name in same]
+    assert len(budgets["plain/experts"]) == 3
+    assert budgets["plain/experts"] == budgets["equal-budget"]
+    assert {command["change_words"] for command in trained} == {0.0, 0.3}
 
 
 def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Path) -> None:
     options = [parsed(command) for command in commands_of("zoo.sh", tmp_path, percent="1")]
-    assert {values["episodes"] for values in options if "episodes" in values} == {3, 4, 5, 6, 7}
-    assert {values["steps"] for values in options if "steps" in values} == {13, 15, 18, 32, 40, 50, 90, 120, 140}
+    assert {values["episodes"] for values in options if "episodes" in values} == {3, 4, 5, 6, 20}
+    assert {values["steps"] for values in options if "steps" in values} == {13, 15, 18, 32, 40, 50, 90, 200}
 
 
 @pytest.mark.parametrize(

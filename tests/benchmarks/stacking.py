@@ -1,4 +1,4 @@
-"""What limits the zoo's experts of Stack and StackCube: the same asked more often, and others by other trainings.
+"""What limits experts of Stack and StackCube: one of few demonstrations, the same asked more often, other trainings.
 
 `STACKING=FOLDER python -m tests.benchmarks stacking` (default `runs/stacking`) plays the experts of
 `scripts/stacking.sh` beside the zoo's. What is finished in the folder is kept, so that the same command continues.
@@ -21,31 +21,31 @@ from tests.benchmarks.document import write_episodes
 from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import play_policies, table_of
 
-SHIPPED = "zoo"
-TASKS = {"robosuite/Stack": (6, 4, 2), "maniskill/StackCube-v1": (1,)}
-"""Task to numbers of steps of a chunk that the zoo's expert executes instead of its own, 8 and 2."""
+FEWER, SHIPPED = "fewer", "zoo"
+TASKS = {"robosuite/Stack": (700, (6, 4, 2)), "maniskill/StackCube-v1": (500, (1,))}
+"""Task to the number of few demonstrations, and to numbers of steps of a chunk that the expert of few demonstrations executes instead of its own, 8 and 2."""
 TITLES = {
-    SHIPPED: "the zoo's",
+    FEWER: "{} demonstrations",
     "longer": "half as many steps more",
     "slowly": "half the learning rate",
-    "more": "2,000 demonstrations",
+    SHIPPED: "2,000 demonstrations (the zoo's)",
     "corrected": "400 corrections beside the demonstrations",
     "corrected-slowly": "400 corrections, half the learning rate",
 }
 """Expert to what is different about it, in the order of the table."""
 SEEDS = 100
 EPISODE = ("policy", "task", "seed", "status", "failure")
-COLUMNS = {"task": "{task}", "expert": "{title}", "success": "{success}", "difference to the zoo's, points": "{apart}"}
+COLUMNS = {"task": "{task}", "expert": "{title}", "success": "{success}", "difference to the first, points": "{apart}"}
 
 
 def measure() -> list[dict[str, object]]:
     """A row for each task and expert; writes the episodes beside the rows."""
     folder, frames = Path(os.environ.get("STACKING", "runs/stacking")).absolute(), []
-    for task, numbers in TASKS.items():
+    for task, (_, numbers) in TASKS.items():
         name = task.replace("/", "__")
-        own = shipped("zoo:experts") / name
-        experts = {SHIPPED: own} | {f"executes-{steps}": executing(own, steps, folder) for steps in numbers}
-        experts |= {path.parent.name: path for path in sorted(folder.glob(f"experts/*/{name}"))}
+        experts = {path.parent.name: path for path in sorted(folder.glob(f"experts/*/{name}"))}
+        experts |= {f"executes-{steps}": executing(experts[FEWER], steps, folder) for steps in numbers}
+        experts[SHIPPED] = shipped("zoo:experts") / name
         policies = {key: {"kind": "mergevla", "options": {"checkpoint": str(path)}} for key, path in experts.items()}
         frames.append(play_policies(folder, name, policies, [task], SEEDS, EPISODE))
     frame = pd.concat(frames)
@@ -56,7 +56,7 @@ def measure() -> list[dict[str, object]]:
 
 
 def executing(expert: Path, steps: int, folder: Path) -> Path:
-    """A copy of the zoo's expert that executes this number of steps of a chunk before its next query."""
+    """A copy of an expert that executes this number of steps of a chunk before its next query."""
     copy = folder / "executing" / f"{expert.name}-{steps}"
     if not (copy / METADATA_FILE).exists():
         copy.mkdir(parents=True, exist_ok=True)
@@ -68,17 +68,17 @@ def executing(expert: Path, steps: int, folder: Path) -> Path:
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
-    """Success with Wilson's interval, and its difference to the zoo's expert on the same episodes with Newcombe's.
+    """Success with Wilson's interval, and its difference to the first expert on the same episodes with Newcombe's.
 
     `frame` has a row per episode with the columns `EPISODE`.
     """
     won = frame.assign(won=frame.status == "success").pivot(index="seed", columns=["task", "policy"], values="won")
     rows: list[dict[str, object]] = []
-    for task, numbers in TASKS.items():
-        titles = TITLES | {f"executes-{steps}": f"the zoo's, steps of a chunk executed: {steps}" for steps in numbers}
+    for task, (few, numbers) in TASKS.items():
+        titles = TITLES | {f"executes-{steps}": f"the first, steps of a chunk executed: {steps}" for steps in numbers}
         for policy in (policy for policy in titles if (task, policy) in won):
-            outcomes, zoo = (won[task, name].to_numpy(float) for name in (policy, SHIPPED))
-            found = paired_difference(Pairs.from_outcomes(outcomes, zoo))
+            outcomes, fewer = (won[task, name].to_numpy(float) for name in (policy, FEWER))
+            found = paired_difference(Pairs.from_outcomes(outcomes, fewer))
             assert found is not None
             assert found.interval is not None
             ends = (f"{100 * end:+.0f}" for end in (found.value, found.interval.low, found.interval.high))
@@ -87,9 +87,9 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
                 {
                     "task": task,
                     "policy": policy,
-                    "title": titles[policy],
+                    "title": titles[policy].format(few),
                     "success": percent(outcomes.mean(), wilson_interval(int(outcomes.sum()), len(outcomes))),
-                    "apart": "" if policy == SHIPPED else f"{value} [{low}, {high}]",
+                    "apart": "" if policy == FEWER else f"{value} [{low}, {high}]",
                 }
             )
     return rows
