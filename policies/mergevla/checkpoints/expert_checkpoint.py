@@ -159,8 +159,11 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
 def write_tensors(tensors: Mapping[str, Tensor], path: Path, metadata: Mapping[str, str] | None = None) -> None:
     """Write tensors, or no file. Raises OSError also where the library has its own error, such as for a full disk."""
+    path.touch()
+    mode = path.stat().st_mode
     try:
         save_file(dict(tensors), path, metadata=dict(metadata) if metadata else None)
+        path.chmod(mode)  # the library lets nobody else read it
     except SafetensorError as error:
         path.unlink(missing_ok=True)
         number = re.search(r"os error (\d+)", str(error))

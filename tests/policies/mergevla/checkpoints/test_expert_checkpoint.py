@@ -57,6 +57,10 @@ def test_a_saved_checkpoint_loads_unchanged(saved):
     assert sorted(file.name for file in saved.iterdir()) == [METADATA_FILE, WEIGHTS]
 
 
+def test_whoever_may_read_the_metadata_may_read_the_weights(saved):
+    assert {path.stat().st_mode for path in saved.iterdir()} == {(saved / METADATA_FILE).stat().st_mode}
+
+
 def test_adapters_are_loaded_as_factors_by_the_plain_networks_names(tmp_path):
     model = small_model()
     add_lora(model, LoraSettings(rank=2), seed=7)
