@@ -1,4 +1,4 @@
-"""Three experts of varied scenes with as many demonstrations and steps as the zoo's, beside the zoo's under all axes.
+"""Three experts of varied scenes beside plain ones with as many demonstrations and steps, under all axes.
 
 `ROBUST=FOLDER python -m tests.benchmarks equal_budget` reads the run `equal-budget` of `scripts/robust_experts.sh`.
 """
@@ -10,10 +10,11 @@ from itertools import product
 import pandas as pd
 
 from tests.benchmarks.document import write_episodes
-from tests.benchmarks.robust_experts import COLUMNS, EPISODE, compared, episodes_of, groups_of
+from tests.benchmarks.robust_experts import EPISODE, columns_of, compared, episodes_of, groups_of
 from tests.benchmarks.shared import table_of
 
 TOGETHER = "all three"
+FAMILIES = ("plain", "robust")
 
 
 def measure() -> list[dict[str, object]]:
@@ -21,7 +22,7 @@ def measure() -> list[dict[str, object]]:
     frame = episodes_of("equal-budget")
     write_episodes("equal_budget", frame, EPISODE[:5])
     rows = rows_of(frame)
-    table_of(rows, {"task": "{task}"} | COLUMNS)
+    table_of(rows, {"task": "{task}"} | columns_of("plain", "plain"))
     return rows
 
 
@@ -30,6 +31,6 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     tasks = {task.partition("/")[2]: [task] for task in sorted(frame.task.unique())}
     tasks |= {TOGETHER: list(frame.task.unique())}
     return [
-        {"task": task, "name": name} | compared(frame[frame.task.isin(of_task) & frame.axis.isin(chosen)])
+        {"task": task, "name": name} | compared(frame[frame.task.isin(of_task) & frame.axis.isin(chosen)], FAMILIES)
         for (task, of_task), (name, chosen) in product(tasks.items(), groups_of(frame).items())
     ]

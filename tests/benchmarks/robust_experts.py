@@ -37,11 +37,6 @@ WORDS = "instruction"
 """Training changes words, but in another way than this axis."""
 EPISODE = ("policy", "task", "axis", "severity", "seed", "status")
 """Columns of an episode, beside `family`."""
-COLUMNS = {"condition": "{name}", "episodes each": "{episodes}"} | {
-    f"{text}, severity {severity}": f"{{{key}{severity}}}"
-    for severity in SEVERITIES
-    for text, key in (("zoo's", "zoo"), ("robust", "robust"), ("difference (points) [95 %]", "difference"))
-}
 
 
 def measure() -> list[dict[str, object]]:
@@ -49,8 +44,16 @@ def measure() -> list[dict[str, object]]:
     frame = played()
     write_episodes("robust_experts", frame, ("family", *EPISODE[:5]))
     rows = rows_of(frame)
-    table_of(rows, COLUMNS)
+    table_of(rows, columns_of("zoo", "zoo's"))
     return rows
+
+
+def columns_of(baseline: str, title: str) -> dict[str, str]:
+    """The columns of a table whose rows are those of `compared`, beside robust experts."""
+    sides = {title: baseline, "robust": "robust", "difference (points) [95 %]": "difference"}
+    return {"condition": "{name}", "episodes each": "{episodes}"} | {
+        f"{text}, severity {severity}": f"{{{key}{severity}}}" for severity in SEVERITIES for text, key in sides.items()
+    }
 
 
 def played() -> pd.DataFrame:
@@ -83,23 +86,21 @@ def groups_of(frame: pd.DataFrame) -> dict[str, list[str]]:
     return {CLEAN: [CLEAN], EVERY: [*axes, WORDS], SCENES: trained, f"{WORDS} (words)": [WORDS], OTHERS: others}
 
 
-def compared(frame: pd.DataFrame) -> dict[str, object]:
-    """Success of both families at each severity, and its difference, levels and tasks having equal weight.
+def compared(frame: pd.DataFrame, families: Sequence[str] = FAMILIES) -> dict[str, object]:
+    """Success of two families at each severity, and its difference, levels and tasks having equal weight.
 
     `frame` has the families as policies. Intervals are Student's, for other start states.
     """
     row: dict[str, object] = {}
     counts = []
     for severity in SEVERITIES:
-        strata = paired(frame[frame.severity.isin((0, severity))], FAMILIES)
-        row |= dict.fromkeys((f"zoo{severity}", f"robust{severity}", f"difference{severity}"), "")
+        strata = paired(frame[frame.severity.isin((0, severity))], families)
+        row |= dict.fromkeys((*(f"{one}{severity}" for one in families), f"difference{severity}"), "")
         if strata:  # the oracle succeeds in a task
             sides = [[np.hsplit(one, 2)[side] for one in strata] for side in (0, 1)]
-            zoo, robust = (mean_of_levels(side) for side in sides)
+            rates = [mean_of_levels(side) for side in sides]
             gain = mean_of_levels([after - before for before, after in zip(*sides, strict=True)])
-            assert zoo
-            assert robust
-            row |= {f"zoo{severity}": f"{zoo.value:.0%}", f"robust{severity}": f"{robust.value:.0%}"}
+            row |= {f"{one}{severity}": f"{rate.value:.0%}" for one, rate in zip(families, rates, strict=True) if rate}
             row[f"difference{severity}"] = points(_possible(gain))
             counts.append(sum(int((~np.isnan(one)).sum()) for one in sides[0]))
     return row | {"episodes": " / ".join(map(str, dict.fromkeys(counts)))}

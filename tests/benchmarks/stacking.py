@@ -23,7 +23,8 @@ from tests.benchmarks.shared import play_policies, table_of
 
 FEWER, SHIPPED = "fewer", "zoo"
 TASKS = {"robosuite/Stack": (700, (6, 4, 2)), "maniskill/StackCube-v1": (500, (1,))}
-"""Task to the number of few demonstrations, and to numbers of steps of a chunk that the expert of few demonstrations executes instead of its own, 8 and 2."""
+"""Task to the number of few demonstrations, and to numbers of steps of a chunk that the expert of few executes instead
+of its own, 8 and 2."""
 TITLES = {
     FEWER: "{} demonstrations",
     "longer": "half as many steps more",

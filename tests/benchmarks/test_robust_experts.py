@@ -64,10 +64,10 @@ def test_sentences_about_an_equal_budget_say_the_committed_rows():
     stack, stack_scenes = (rows["Stack", name] for name in (robust_experts.EVERY, robust_experts.SCENES))
     for said in (
         f"{scenes['difference4']} points over their ten axes, mostly in Stack ({stack_scenes['difference4']})",
-        f"too: {stack['robust4'][:-1]} % instead of {stack['zoo4'][:-1]} %",
+        f"too: {stack['robust4'][:-1]} % instead of {stack['plain4'][:-1]} %",
         f"{others['difference4']} points at severity 4 along the seven axes",
         f"neither at severity 4 ({every['difference4']}) nor at 2 ({every['difference2']})",
-        f"({clean['robust2'][:-1]} % of {clean['episodes']} instead of {clean['zoo2'][:-1]} %)",
+        f"({clean['robust2'][:-1]} % of {clean['episodes']} instead of {clean['plain2'][:-1]} %)",
     ):
         assert said in page
     assert all(low(row) > 0 for row in (scenes, stack, stack_scenes))
