@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 SEEDS = range(100)
 PAIR = ("pybullet/PandaPush-v3", "pybullet/PandaPickAndPlace-v3")
 """Tasks with one scene, which differ in where the goal may be."""
+FRAMES, MORE_FRAMES = range(1_000_000, 1_000_112), range(1_000_000, 1_001_400)
+"""Training seeds whose first observations `more_frames` is fitted to; the second are those of `PAIR`."""
 SHIPPED, AVERAGED = "shipped", "TA+S, averaged trunk"
 SUBSPACES = (
     *("projections=v", "projections=k", "projections=kv", "rank=1", "rank=64", "block=0", "block=1", "block=3"),
@@ -55,6 +58,7 @@ def measure() -> list[dict[str, object]]:
     ways: dict[str, tuple[str, Scores]] = {}
     for name in ("calibrated", "nearest-centroid", "delta-energy", "instruction-match", "random"):
         ways[name] = SHIPPED, by_router(name, model, checkpoint.fitted)
+    ways["calibrated, all patches and more frames"] = SHIPPED, more_frames(model)
     ways |= {name: (SHIPPED, scores) for name, scores in unlabelled(model, first).items()}
     for name, merged in ((SHIPPED, model), (AVERAGED, paper)):
         paper_ways = paper_routers(merged, "zoo:experts", SUBSPACES)
@@ -115,6 +119,26 @@ def by_router(name: str, model: MergedModel, stored: Mapping[str, Tensor]) -> Sc
     def scores(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
         routed = router(name, sees_instruction=sees, stored=stored).route(seen, model)
         return torch.tensor([[one.scores[expert] for expert in model.experts] for one in routed])
+
+    return scores
+
+
+def more_frames(model: MergedModel) -> Scores:
+    """The classes of `calibrated` with each patch's place, from more frames of the tasks with one scene, unmodified."""
+    from robogauntlet.policies.mergevla.routing import gaussian
+    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of
+    from robogauntlet.policies.mergevla.routing.features import Pooling, features_of, labelled_features
+
+    frames = observed([task for task in model.experts if task not in PAIR], EXPERT_VIEW, FRAMES)
+    frames |= observed(PAIR, EXPERT_VIEW, MORE_FRAMES)
+
+    def scores(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+        middle = feature_spec_of(model.architecture, sees_instruction=sees)
+        spec = replace(middle, pooling=Pooling.FLAT)
+        known = labelled_features(model, frames, spec)
+        fit = gaussian.fit(known, known, spec)  # held-out frames give a temperature, which changes no choice
+        assert fit.experts == tuple(model.experts)
+        return fit.scores(features_of(model, seen, spec))
 
     return scores
 
@@ -242,7 +266,7 @@ def observed(tasks: Sequence[str], view: View, seeds: Sequence[int] = SEEDS) -> 
         save_observations,
     )
 
-    folder = WRITTEN / "first_observations"
+    folder = WRITTEN / f"first_observations/{seeds[0]}"
     folder.mkdir(parents=True, exist_ok=True)
     found = {}
     for task in tasks:

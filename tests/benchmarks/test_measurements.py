@@ -12,7 +12,7 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from tests import ROOT
-from tests.benchmarks import environments, training_controls
+from tests.benchmarks import environments, operators, training_controls
 from tests.benchmarks.document import MEASUREMENTS, PAGES
 
 NAMED = re.compile(r"python -m\s+tests\.benchmarks\s+(\w+)")
@@ -102,3 +102,59 @@ def test_what_the_page_says_of_blocks_is_in_the_rows():
     each = [[int(rate) for rate in averaged[row["kind"]].split("(")[1].split(")")[0].split(" / ")] for row in others]
     assert [max(rates) - min(rates) for rates in [*each, [68, 62, 55]]] == [12, 30, 14, 13]
     assert by_kind["self-sigmoid"]["experts"].startswith("87 (93 / 78 / 91)")
+
+
+def test_what_the_page_says_of_operators_is_in_the_rows_of_both_sets_of_experts():
+    now = {row["policy"]: row for row in rows("operators")}
+    played = pd.read_parquet(MEASUREMENTS / "operators_fewer.parquet")
+    before = {
+        row["policy"]: row for row in operators.rows_of(played, {name: row["kilobytes"] for name, row in now.items()})
+    }
+
+    def kept(of, *policies):
+        return [of[policy]["kept"].partition(" %")[0] for policy in policies]
+
+    def rate(of, *policies):
+        return [int(of[policy]["success"].partition(" %")[0]) for policy in policies]
+
+    merged = ["ties-published-s", "wudi-s", "tsv-s", "knots-ties-s", "ta-s", "ties-s", "emr"]
+    ours, theirs = kept(now, *merged), kept(before, *merged)
+    assert theirs[1] == theirs[5]
+    cube = "maniskill/StackCube-v1"
+    stacked = [
+        f"{(episodes[(episodes.policy == policy) & (episodes.task == cube)].status == 'success').mean():.0%}"[:-1]
+        for policy in ("ta-s", "ties-published-s")
+        for episodes in (played, pd.read_parquet(MEASUREMENTS / "operators.parquet"))
+    ]
+    masked = rate(now, *merged[:-1])
+    averaged = rate(now, "ta-s-averaged-trunk", "ties-s-averaged-trunk")
+    both = [*kept(now, "signs-2", "none-4"), *kept(before, "signs-2", "none-4")]
+    assert min(map(int, both)) > max(map(int, [*ours, *theirs]))
+    page = " ".join((ROOT / "docs/mergevla.md").read_text(encoding="utf-8").split())
+    for said in (
+        f"four bits per weight keep {now['none-4']['kept']} of the experts' success with 530 kB",
+        f"the shipped merge keeps {kept(now, 'signs-2')[0]} % with 1,477 kB",
+        f"succeed in {min(masked)} to {max(masked)} % if the trunk is merged by task vectors, in {min(averaged)} to "
+        f"{max(averaged)} % if",
+        f"three bits {now['none-3']['kept']} with 403 ({kept(before, 'none-3')[0]} % with other experts",
+        f"the mean of all tasks falls to {rate(now, 'none-2')[0]} %. `signs-2`, the shipped model, keeps "
+        f"{now['signs-2']['kept']} too",
+        f"(with masks, {now['ties-published-s']['kept']}); WUDI has {ours[1]}, TSV {ours[2]}, KnOTS {ours[3]}, TA "
+        f"{ours[4]}, TIES of MergeVLA's code {ours[5]}, EMR {ours[6]}.",
+        f"TA+S kept {before['ta-s']['kept']}, TSV {theirs[2]}, WUDI and TIES {theirs[1]}, TIES as published "
+        f"{theirs[0]}, KnOTS {theirs[3]}, EMR {theirs[6]}; of StackCube, TA+S had {stacked[0]} % instead of {stacked[1]}, "
+        f"TIES as published {stacked[2]} instead of {stacked[3]} (",
+        f"TA+S falls from {rate(now, 'ta-s')[0]} to {averaged[0]} %",
+        f"(`flat`) they keep {kept(now, 'flat-2')[0]} % too. One bit keeps {now['flat-1']['kept']} instead of "
+        f"{now['signs-1']['kept']}",
+        f"(`joint`, the base itself) succeeds in {rate(now, 'joint')[0]} %",
+    ):
+        assert said in page
+    assert kept(now, "flat-2") == kept(now, "signs-2")
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert (
+        f"Four bits per weight keep {kept(now, 'none-4')[0]} % of the experts' success with 530 kB per task" in readme
+    )
+    assert [now[name]["kilobytes"] for name in ("none-4", "none-3", "signs-2")] == pytest.approx(
+        [530, 403, 1477], abs=0.5
+    )
