@@ -79,8 +79,9 @@ def draw(points: Sequence[Point], path: Path, *, measure: str, joint: float, top
 
 def _label(panel: Axes, points: Sequence[Point]) -> None:
     """Name the points, lower where there is no room, or not: those that are not merged first, then by their values."""
-    taken: list[tuple[float, float, float]] = []
     to_axes = panel.transData + panel.transAxes.inverted()
+    marks = [to_axes.transform((point.kilobytes, point.value)) for point in points]
+    taken = [(x - WIDTH, x + WIDTH, y) for x, y in marks]
     for point in sorted(points, key=lambda point: (KINDS.index(point.kind), -point.value)):
         left, middle = to_axes.transform((point.kilobytes, point.value))
         below = point.kind == NOT_MERGED

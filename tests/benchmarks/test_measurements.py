@@ -142,8 +142,8 @@ def test_what_the_page_says_of_operators_is_in_the_rows_of_both_sets_of_experts(
         f"(with masks, {now['ties-published-s']['kept']}); WUDI has {ours[1]}, TSV {ours[2]}, KnOTS {ours[3]}, TA "
         f"{ours[4]}, TIES of MergeVLA's code {ours[5]}, EMR {ours[6]}.",
         f"TA+S kept {before['ta-s']['kept']}, TSV {theirs[2]}, WUDI and TIES {theirs[1]}, TIES as published "
-        f"{theirs[0]}, KnOTS {theirs[3]}, EMR {theirs[6]}; of StackCube, TA+S had {stacked[0]} % instead of {stacked[1]}, "
-        f"TIES as published {stacked[2]} instead of {stacked[3]} (",
+        f"{theirs[0]}, KnOTS {theirs[3]}, EMR {theirs[6]}; of StackCube, TA+S had {stacked[0]} % instead of "
+        f"{stacked[1]}, TIES as published {stacked[2]} instead of {stacked[3]} (",
         f"TA+S falls from {rate(now, 'ta-s')[0]} to {averaged[0]} %",
         f"(`flat`) they keep {kept(now, 'flat-2')[0]} % too. One bit keeps {now['flat-1']['kept']} instead of "
         f"{now['signs-1']['kept']}",
