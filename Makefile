@@ -9,7 +9,7 @@ export OMP_NUM_THREADS ?= 1
 # Tests start hundreds of commands, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup drivers tools demo test test-fast test-lerobot lint docs dist audit bench fuzz chaos report zoo clean
+.PHONY: help setup drivers tools demo test pytest test-fast test-lerobot lint docs dist audit bench fuzz chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -54,9 +54,12 @@ demo:
 	@$(MAKE) --no-print-directory --jobs 2 $(PLAYING) drivers
 	$(BIN)/robogauntlet run mergevla --seeds 10
 
-# Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
 test:
-	@$(MAKE) --no-print-directory --jobs 2 lint tools
+	@$(MAKE) --no-print-directory --jobs 2 setup tools
+	@$(MAKE) --no-print-directory --jobs 2 lint pytest
+
+# Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
+pytest:
 	$(BIN)/python -m pytest -q --dist loadfile --no-loadscope-reorder \
 		-n $$($(BIN)/python -c "import os; print(min(4, len(os.sched_getaffinity(0)) * 3 // 2))")
 
