@@ -104,15 +104,22 @@ def test_what_the_page_says_of_blocks_is_in_the_rows():
     assert by_kind["self-sigmoid"]["experts"].startswith("87 (93 / 78 / 91)")
 
 
-def test_what_the_page_says_of_operators_is_in_the_rows_of_both_sets_of_experts():
-    now = {row["policy"]: row for row in rows("operators")}
-    played = pd.read_parquet(MEASUREMENTS / "operators_fewer.parquet")
-    before = {
-        row["policy"]: row for row in operators.rows_of(played, {name: row["kilobytes"] for name, row in now.items()})
-    }
+def both_sets(name):
+    """Rows of a table of merges by policy, of the zoo's experts and of those from fewer demonstrations; the latter's
+    episodes.
+    """
+    now, played = rows(name), pd.read_parquet(MEASUREMENTS / f"{name}_fewer.parquet")
+    before = operators.rows_of(played, {row["policy"]: row["kilobytes"] for row in now})
+    return *({row["policy"]: row for row in one} for one in (now, before)), played
 
-    def kept(of, *policies):
-        return [of[policy]["kept"].partition(" %")[0] for policy in policies]
+
+def kept(of, *policies):
+    """The shares of the experts' success that these keep (percent)."""
+    return [of[policy]["kept"].partition(" %")[0] for policy in policies]
+
+
+def test_what_the_page_says_of_operators_is_in_the_rows_of_both_sets_of_experts():
+    now, before, played = both_sets("operators")
 
     def rate(of, *policies):
         return [int(of[policy]["success"].partition(" %")[0]) for policy in policies]
@@ -158,3 +165,25 @@ def test_what_the_page_says_of_operators_is_in_the_rows_of_both_sets_of_experts(
     assert [now[name]["kilobytes"] for name in ("none-4", "none-3", "signs-2")] == pytest.approx(
         [530, 403, 1477], abs=0.5
     )
+
+
+def test_what_the_page_says_of_parts_blocks_and_lambda_is_in_the_rows_of_both_sets_of_experts():
+    now, before, _ = both_sets("ablations")
+    lambdas = ("lambda-0.2", "lambda-0.4", "ta-s", "lambda-0.8", "lambda-1.0")
+    at, earlier = kept(now, *lambdas), kept(before, *lambdas)
+    blocks = kept(now, "kept-0", "ta-s", "kept-2")
+    page = " ".join((ROOT / "docs/mergevla.md").read_text(encoding="utf-8").split())
+    for said in (
+        f"the trunk keeps {now['only-trunk']['kept']} of the experts' success, the backbone "
+        f"{now['only-backbone']['kept']}, both together {now['ta-s']['kept']}.",
+        f"vision keeps {now['only-vision']['kept']}, the projector {kept(now, 'only-projector')[0]}, the language "
+        f"model {now['only-language']['kept']}. Together they cost {100 - int(kept(now, 'only-backbone')[0])} points, "
+        f"most of it in StackCube, which has {now['only-backbone']['weakest'].split()[1]} % left",
+        f"none {blocks[0]} %, one {blocks[1]}, two {blocks[2]}, three of four {now['kept-3']['kept']},",
+        f"{at[0]} % at 0.2, {at[1]} at 0.4, {at[2]} at 0.6, {at[3]} at 0.8, {at[4]} at 1.",
+        f"the best lambda was 0.6, with {earlier[2]} % (0.8: {earlier[3]}, 1: {earlier[4]})",
+        f"({before['only-language']['kept']} kept; backbone {kept(before, 'only-backbone')[0]}, trunk "
+        f"{kept(before, 'only-trunk')[0]};",
+    ):
+        assert said in page
+    assert max(earlier, key=int) == earlier[2]
