@@ -12,7 +12,7 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from tests import ROOT
-from tests.benchmarks import environments, operators, training_controls
+from tests.benchmarks import environments, operators, routers, training_controls
 from tests.benchmarks.document import MEASUREMENTS, PAGES
 
 NAMED = re.compile(r"python -m\s+tests\.benchmarks\s+(\w+)")
@@ -187,3 +187,51 @@ def test_what_the_page_says_of_parts_blocks_and_lambda_is_in_the_rows_of_both_se
     ):
         assert said in page
     assert max(earlier, key=int) == earlier[2]
+
+
+def test_what_the_page_says_of_routers_is_in_the_rows():
+    found = rows("routers")
+    shipped, averaged = (
+        {row["router"]: row for row in found if row["model"] == model} for model in (routers.SHIPPED, routers.AVERAGED)
+    )
+
+    def right(row):
+        return [float(row[instruction].partition(" ")[0]) for instruction in ("read", "hidden")]
+
+    paper, own = right(shipped["paper-coded"]), right(averaged["paper-coded"])
+    others = [right(row) for row in found if row["router"].startswith("paper-") and row["router"] != "paper-coded"]
+    best = [max(rates) for rates in zip(*others, strict=True)]
+    energy, standard = right(shipped["delta-energy"]), right(shipped["the same, standardised"])
+    unlabelled, supervised = right(shipped["self-trained"]), right(shipped["calibrated"])
+    chosen = shipped["calibrated"]["decisions, hidden"]
+    pair = {"3", "4"}
+    wrong = [{choice, str(place // 100)} for place, choice in enumerate(chosen) if int(choice) != place // 100]
+    more = shipped["calibrated, all patches and more frames"]
+    page = " ".join((ROOT / "docs/mergevla.md").read_text(encoding="utf-8").split())
+    for said in (
+        f"is right in {paper[0]:.0f} % of first observations here, and in {paper[1]:.0f} % without",
+        f"reaches {unlabelled[0]:.1f} and {unlabelled[1]:.1f} %, the supervised one {supervised[0]:.0f} and "
+        f"{supervised[1]:.1f} %",
+        f"right in {paper[0]:.0f} % with the instruction read and {paper[1]:.0f} % hidden, on the paper's own merge in "
+        f"{own[0]:.0f} and {own[1]:.0f}.",
+        f"reach {best[0]:.0f} % read and {best[1]:.0f} % hidden",
+        f"(`delta-energy`, {energy[0]:.0f} % read and {energy[1]:.0f} % hidden",
+        f"row spaces are right in {standard[0]:.0f} and {standard[1]:.0f} %",
+        f"{unlabelled[0]:.1f} % read, {unlabelled[1]:.1f} % hidden, against {supervised[0]:.0f} and "
+        f"{supervised[1]:.1f}",
+        f"their sum is right in {right(shipped['these three, standardised'])[1]:.1f} %",
+        f"of {len(wrong)} mistakes of `calibrated` in {len(chosen)}, {sum(one == pair for one in wrong)} are between",
+        f"are right on {shipped['calibrated']['one scene, hidden']} of it",
+        f"on {more['one scene, hidden']}.",
+    ):
+        assert said in page
+
+
+def test_what_the_page_says_of_held_out_losses_is_in_the_rows():
+    loss = {row["way"]: row["mean"] for row in rows("merges")}
+    assert loss["base (joint training)"] < loss["TA+S, k = 1"]
+    said = [f"{loss[way]:.3f}".lstrip("0") for way in ("TSV, no masks, k = 1", "TSV+S, k = 1")]
+    trunk = [f"{loss[f'{way}, averaged trunk, k = 1']:.3f}".lstrip("0") for way in ("own adapters", "TA+S")]
+    page = " ".join((ROOT / "docs/mergevla.md").read_text(encoding="utf-8").split())
+    assert f"({said[0]}, with masks {said[1]}). The averaged trunk loses as much if" in page
+    assert f"at all ({trunk[0]}) as if they are ({trunk[1]})" in page

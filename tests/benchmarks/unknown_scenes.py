@@ -6,6 +6,7 @@ A scene is enough for a first observation, so most are opened without what an ad
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any
 
 from robogauntlet.adapters import catalog
@@ -76,13 +77,9 @@ def _pybullet(name: str, description: TaskDescription, view: View) -> Simulation
 
 def _robosuite(name: str, description: TaskDescription, view: View) -> Simulation:
     from robogauntlet.adapters.robosuite import simulation as adapter
+    from robogauntlet.adapters.robosuite.tasks import Parts
 
-    adapter.TASKS[name] = description
-    adapter.PARTS[name] = adapter.Parts()
-    table = adapter.MujocoTable
-    try:
-        if name.startswith("PickPlace"):  # bins in place of a table
-            adapter.MujocoTable = lambda *_: None  # type: ignore[assignment, misc]
-        return adapter.RobosuiteSimulation(name, view)
-    finally:
-        adapter.MujocoTable = table  # type: ignore[misc]
+    known = adapter.TASKS.get(name)  # with what cannot vary there, such as bins in place of a table
+    adapter.TASKS[name] = replace(known, instruction=description.instruction) if known else description
+    adapter.PARTS.setdefault(name, Parts())
+    return adapter.RobosuiteSimulation(name, view)
