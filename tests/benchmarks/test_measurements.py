@@ -12,8 +12,9 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from tests import ROOT
-from tests.benchmarks import environments, operators, routers, training_controls
+from tests.benchmarks import environments, operators, routers, training_controls, unknown_scenes
 from tests.benchmarks.document import MEASUREMENTS, PAGES
+from tests.benchmarks.shared import EXPERT_VIEW
 
 NAMED = re.compile(r"python -m\s+tests\.benchmarks\s+(\w+)")
 FILES = sorted(MEASUREMENTS.glob("*.json"))
@@ -235,3 +236,16 @@ def test_what_the_page_says_of_held_out_losses_is_in_the_rows():
     page = " ".join((ROOT / "docs/mergevla.md").read_text(encoding="utf-8").split())
     assert f"({said[0]}, with masks {said[1]}). The averaged trunk loses as much if" in page
     assert f"at all ({trunk[0]}) as if they are ({trunk[1]})" in page
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["maniskill/PlaceSphere-v1", "pybullet/PandaStack-v3", "robosuite/PickPlaceCan"])
+def test_a_task_that_no_policy_has_seen_can_be_looked_at(task, monkeypatch):
+    for simulator, names in (("maniskill", ("TASKS", "LAYOUTS")), ("robosuite", ("TASKS", "PARTS"))):
+        adapter = importlib.import_module(f"robogauntlet.adapters.{simulator}.simulation")
+        for name in names:
+            monkeypatch.setattr(adapter, name, dict(getattr(adapter, name)))
+    simulation = unknown_scenes.open_scene(task, EXPERT_VIEW)
+    simulation.reset(0)
+    assert simulation.observe().instruction == unknown_scenes.REPORTED[task]
+    simulation.close()
