@@ -249,3 +249,52 @@ def test_a_task_that_no_policy_has_seen_can_be_looked_at(task, monkeypatch):
     simulation.reset(0)
     assert simulation.observe().instruction == unknown_scenes.REPORTED[task]
     simulation.close()
+
+
+def test_what_the_page_says_of_unknown_tasks_is_in_the_rows():
+    found = {(row["detector"], row["unknown task"].rpartition("/")[2]): row for row in rows("unknown_tasks")}
+
+    def said(detector, task, *what):
+        return [found[detector, task][name].removeprefix("0") for name in what]
+
+    read, hidden, rejected = "AUROC, instruction read", "AUROC, instruction hidden", "rejected, instruction read"
+    mean, slide = (said("calibrated", task, read, rejected) for task in ("mean", "PandaSlide-v3"))
+    near = [said("calibrated", task, hidden)[0] for task in ("PlaceSphere-v1", "PandaSlide-v3")]
+    blind = said("calibrated", "mean", hidden, "rejected, instruction hidden")
+    labelled = said("self-trained", "mean", read, hidden)
+    layers, patches = (
+        said(name, "mean", hidden, read) for name in ("calibrated, all layers", "all layers and patches")
+    )
+    page = " ".join((ROOT / "docs/mergevla.md").read_text(encoding="utf-8").split())
+    for text in (
+        f"AUROC {mean[0]} on average, {mean[1]} rejected.",
+        f"resemble PandaPush's ({slide[0]}, {slide[1]} rejected)",
+        f"{blind[0]} on average, {blind[1]} rejected; PlaceSphere and PandaSlide are near chance ({near[0]}, "
+        f"{near[1]})",
+        f"is a little below ({labelled[0]} and {labelled[1]})",
+        f"make it {layers[0]}, distances of single patches as well {patches[0]} (.90 was",
+        f"worse than `calibrated` ({layers[1]} and {patches[1]}, by",
+    ):
+        assert text in page
+
+
+def test_what_the_page_says_of_routers_under_shift_is_in_the_rows():
+    found = {(row["router"], row["instruction"]): row for row in rows("shifted_routing")}
+    kept, plain, last = (
+        f"calibrated, {layer} layer, {frames} frames"
+        for layer, frames in (("middle", "augmented"), ("middle", "unmodified"), ("last", "augmented"))
+    )
+    words, unmodified = (found[one, "read"]["sentences"] for one in (kept, plain))
+    shifted = [
+        f"{found[kept, 'hidden'][shift].split()[0]}{unit} instead of {found[plain, 'hidden'][shift].split()[0]}"
+        for shift, unit in (("light", " %"), ("camera", ""), ("all three", ""))
+    ]
+    unseen = [found[one, reads]["AUROC"] for reads in ("hidden", "read") for one in (kept, last)]
+    page = " ".join((ROOT / "docs/mergevla.md").read_text(encoding="utf-8").split())
+    for text in (
+        f"is right in {words}, fitted to unmodified frames in {unmodified}.",
+        f"it is right in {found[kept, 'hidden']['sentences']}, so with",
+        f"in other light {shifted[0]}, from another camera {shifted[1]}, under all three {shifted[2]}.",
+        f"(AUROC {unseen[0][1:]} and {unseen[1][1:]} with the instruction hidden, {unseen[2]} and {unseen[3][1:]} with",
+    ):
+        assert text in page
