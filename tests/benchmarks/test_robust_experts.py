@@ -49,8 +49,6 @@ def test_sentences_about_robust_experts_say_the_committed_rows():
         f"{bits[2]['lost']}, {bits[0]['lost']} and {bits[1]['lost']}",
     ):
         assert said in page
-    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    assert f"it loses {merged[2]['lost']} (90 % interval" in readme
 
 
 def test_sentences_about_an_equal_budget_say_the_committed_rows():

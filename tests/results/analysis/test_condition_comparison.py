@@ -125,6 +125,13 @@ def test_the_sentences_about_a_kept_run_are_findings_from_its_rows(name, sentenc
     assert set(said) <= set(findings(built))
 
 
+def test_the_readme_says_what_the_kept_run_of_shipped_policies_found():
+    lines = (ROOT / "docs/reports/shift/README.md").read_text("utf-8").splitlines()
+    (lost,) = (line.partition(": ")[2].partition(" percent")[0] for line in lines if line.startswith("- merged: +"))
+    readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    assert f"by less than 5 points: it loses {lost} (90 % interval" in readme
+
+
 def test_equivalence_is_tested_only_with_a_margin_and_a_number_of_seeds_that_was_fixed_before():
     assert not built().condition_comparison.equivalences
     adaptive = AdaptiveEntry(max_seeds=SEEDS)
