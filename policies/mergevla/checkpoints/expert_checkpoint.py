@@ -31,8 +31,11 @@ from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import add_lora, has_lora, plain_name
 from robogauntlet.policies.mergevla.network.model import MergeVLA, empty
 from robogauntlet.support.files import replacing, write_whole
+from robogauntlet.support.text import shortened
 
 AnyMetadata = TypeVar("AnyMetadata", CheckpointMetadata, MergedMetadata)
+LONGEST_VALUE = 300
+"""Characters of an architecture's value in a message."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +201,8 @@ def check_architecture(folder: Path, expected: Architecture, given: Architecture
         return
     ours, theirs = expected.as_json(), given.as_json()
     differing = next(name for name in ours if ours[name] != theirs[name])
+    names, values = ([shortened(str(one[key]), LONGEST_VALUE) for one in (ours, theirs)] for key in ("name", differing))
     raise CheckpointError(
-        f"'{folder}': expected architecture '{expected.name}' with {differing} {ours[differing]}, "
-        f"got '{given.name}' with {theirs[differing]}"
+        f"'{folder}': expected architecture '{names[0]}' with {differing} {values[0]}, "
+        f"got '{names[1]}' with {values[1]}"
     )

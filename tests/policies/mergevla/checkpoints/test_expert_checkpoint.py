@@ -186,6 +186,8 @@ def test_a_base_of_another_architecture_is_refused(saved, tmp_path):
     save_checkpoint(tmp_path / "tuned", small_model(), example_metadata(), base=saved)
     rewrite(tmp_path / "tuned", architecture=replace(SMALL, image_size=32).as_json())
     refused(tmp_path / "tuned", "with image_size 32, got 'small' with 16")
+    rewrite(tmp_path / "tuned", architecture=replace(SMALL, name="x" * 1_000).as_json())
+    refused(tmp_path / "tuned", "expected architecture 'x+ ... x+' with name x+ ... x+, got 'small' with small")
 
 
 def test_tensors_of_another_architecture_than_in_the_metadata_are_refused(saved):
