@@ -56,10 +56,10 @@ demo:
 
 test:
 	@$(MAKE) --no-print-directory --jobs 2 setup tools
-	@$(MAKE) --no-print-directory --jobs 2 lint pytest
+	@$(MAKE) --no-print-directory --jobs 2 lint pytest || { echo "make test: see above for what failed: style, types or tests"; exit 1; }
 
 # Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
-pytest:
+pytest: setup
 	$(BIN)/python -m pytest -q --dist loadfile --no-loadscope-reorder \
 		-n $$($(BIN)/python -c "import os; print(min(4, len(os.sched_getaffinity(0)) * 3 // 2))")
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# What limits experts of Stack and StackCube: other trainings than the zoo's. Demonstrations and corrections of the
-# experts from fewer (DAgger), experts. Finished parts are skipped and stopped ones continue, so the same command
-# goes on after any interruption. `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
+# Trains experts of Stack and StackCube in other ways than the zoo's: records demonstrations, trains experts on them,
+# records corrections of the experts from fewer demonstrations (DAgger), and trains on those too. Finished parts are
+# skipped and stopped ones continue, so the same command goes on after any interruption.
+# `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
 # Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes some four hours on two cores.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail

@@ -79,16 +79,28 @@ def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp
 
 def test_plain_experts_and_those_of_varied_scenes_have_an_equal_budget(tmp_path: Path) -> None:
     commands = [parsed(command) for command in commands_of("robust_experts.sh", tmp_path)]
-    trained = [command for command in commands if "steps" in command]
+    trained, recorded = ([one for one in commands if name in one] for name in ("steps", "episodes"))
     same = ("steps", "learning_rate", "shift", "adapt_convolutions", "action_steps")
     budgets: dict[str, dict[str, list[object]]] = {"plain/experts": {}, "equal-budget": {}}
+    words: dict[str, set[object]] = {"plain/experts": set(), "equal-budget": set()}
     for (kind, found), command in product(budgets.items(), trained):
         out = Path(str(command["out_folder"]))
         if out.parent == tmp_path / "out" / kind:
             found[out.name] = [command[name] for name in same]
+            words[kind].add(command["change_words"])
     assert len(budgets["plain/experts"]) == 3
     assert budgets["plain/experts"] == budgets["equal-budget"]
-    assert {command["change_words"] for command in trained} == {0.0, 0.3}
+    assert words == {"plain/experts": {0.0}, "equal-budget": {0.3}}
+    episodes = {
+        kind: {
+            (Path(str(one["out_folder"])).name, str(one["names"])): one["episodes"]
+            for one in recorded
+            if kind in Path(str(one["out_folder"])).parts
+        }
+        for kind in ("plain", "varied")
+    }
+    assert len(episodes["plain"]) == 4
+    assert episodes["plain"].items() <= episodes["varied"].items()
 
 
 def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Path) -> None:

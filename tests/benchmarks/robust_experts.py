@@ -100,7 +100,9 @@ def compared(frame: pd.DataFrame, families: Sequence[str] = FAMILIES) -> dict[st
             sides = [[np.hsplit(one, 2)[side] for one in strata] for side in (0, 1)]
             rates = [mean_of_levels(side) for side in sides]
             gain = mean_of_levels([after - before for before, after in zip(*sides, strict=True)])
-            row |= {f"{one}{severity}": f"{rate.value:.0%}" for one, rate in zip(families, rates, strict=True) if rate}
+            for one, rate in zip(families, rates, strict=True):
+                assert rate
+                row[f"{one}{severity}"] = f"{rate.value:.0%}"
             row[f"difference{severity}"] = points(_possible(gain))
             counts.append(sum(int((~np.isnan(one)).sum()) for one in sides[0]))
     return row | {"episodes": " / ".join(map(str, dict.fromkeys(counts)))}

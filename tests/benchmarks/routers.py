@@ -266,7 +266,7 @@ def observed(tasks: Sequence[str], view: View, seeds: Sequence[int] = SEEDS) -> 
         save_observations,
     )
 
-    folder = WRITTEN / f"first_observations/{seeds[0]}"
+    folder = WRITTEN / f"first_observations/{seeds[0]}-{len(seeds)}"
     folder.mkdir(parents=True, exist_ok=True)
     found = {}
     for task in tasks:

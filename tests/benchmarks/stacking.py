@@ -34,14 +34,16 @@ TITLES = {
     "corrected-slowly": "400 corrections, half the learning rate",
 }
 """Expert to what is different about it, in the order of the table."""
-SEEDS = 100
+SEEDS, OTHER_SEEDS = 100, 200
+"""From 0 for all experts, and further ones for the zoo's, which were taken into it because of the first."""
 EPISODE = ("policy", "task", "seed", "status", "failure")
 COLUMNS = {"task": "{task}", "expert": "{title}", "success": "{success}", "difference to the first, points": "{apart}"}
 
 
 def measure() -> list[dict[str, object]]:
     """A row for each task and expert; writes the episodes beside the rows."""
-    folder, frames = Path(os.environ.get("STACKING", "runs/stacking")).absolute(), []
+    folder = Path(os.environ.get("STACKING", "runs/stacking")).absolute()
+    frames, others = [], []
     for task, (_, numbers) in TASKS.items():
         name = task.replace("/", "__")
         experts = {path.parent.name: path for path in sorted(folder.glob(f"experts/*/{name}"))}
@@ -49,8 +51,11 @@ def measure() -> list[dict[str, object]]:
         experts[SHIPPED] = shipped("zoo:experts") / name
         policies = {key: {"kind": "mergevla", "options": {"checkpoint": str(path)}} for key, path in experts.items()}
         frames.append(play_policies(folder, name, policies, [task], SEEDS, EPISODE))
+        zoo = {SHIPPED: policies[SHIPPED]}
+        others.append(play_policies(folder, f"{name}, other seeds", zoo, [task], OTHER_SEEDS, EPISODE, first=SEEDS))
     frame = pd.concat(frames)
     write_episodes("stacking", frame, EPISODE[:3])
+    write_episodes("stacking_other_seeds", pd.concat(others), EPISODE[:3])
     rows = rows_of(frame)
     table_of(rows, COLUMNS)
     return rows

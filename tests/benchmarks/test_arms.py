@@ -5,9 +5,11 @@ import json
 import pandas as pd
 import pytest
 
+from robogauntlet.results.statistics.rates import wilson_interval
 from tests import ROOT
 from tests.benchmarks import arms, doors, so101, stacking, two_arms
 from tests.benchmarks.document import MEASUREMENTS
+from tests.benchmarks.operators import percent
 
 
 @pytest.mark.parametrize(
@@ -62,11 +64,22 @@ def test_what_the_page_says_of_other_trainings_is_in_the_rows():
     found = {(row["task"].partition("/")[2], row["policy"]): row for row in rows}
     page = (ROOT / "docs/mergevla.md").read_text(encoding="utf-8")
     rates = [found[task, stacking.FEWER]["success"].partition(" %")[0] for task in ("Stack", "StackCube-v1")]
-    assert f"with 700 and 500 demonstrations: {rates[0]} and {rates[1]} %." in page
+    assert (
+        f"With 700 and 500 demonstrations the experts of these two tasks succeed in {rates[0]} and {rates[1]} %."
+        in page
+    )
     for task in ("Stack", "StackCube-v1"):
         more = found[task, stacking.SHIPPED]
         rate, apart = more["success"].partition(" [")[0], more["apart"].replace(" [", " points [")
         assert f"{task.removesuffix('-v1')} has {rate}** ({apart})" in page
+    others = pd.read_parquet(MEASUREMENTS / "stacking_other_seeds.parquet")
+    assert (others.seed.min(), others.seed.max(), set(others.policy)) == (100, 299, {stacking.SHIPPED})
+    rates = [
+        percent(won.mean(), wilson_interval(int(won.sum()), len(won)))
+        for _, won in others.status.eq("success").groupby(others.task)
+    ]
+    assert f"Stack has {rates[1]} and StackCube {rates[0]} (" in page
+    assert f"on 200 other seeds Stack's has [{rates[1].partition(' [')[0]}](" in page
     assert found["Stack", "corrected"]["apart"] == "-16 [-27, -5]"
     assert "16 points [5, 27] of Stack" in page
     assert found["StackCube-v1", "corrected-slowly"]["apart"] == "-10 [-19, -1]"

@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -162,11 +163,13 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
 def write_tensors(tensors: Mapping[str, Tensor], path: Path, metadata: Mapping[str, str] | None = None) -> None:
     """Write tensors, or no file. Raises OSError also where the library has its own error, such as for a full disk."""
+    path.unlink(missing_ok=True)
     path.touch()
     mode = path.stat().st_mode
     try:
         save_file(dict(tensors), path, metadata=dict(metadata) if metadata else None)
-        path.chmod(mode)  # the library lets nobody else read it
+        with suppress(OSError):  # the library lets nobody else read it; some file systems have no modes
+            path.chmod(mode)
     except SafetensorError as error:
         path.unlink(missing_ok=True)
         number = re.search(r"os error (\d+)", str(error))
@@ -201,8 +204,11 @@ def check_architecture(folder: Path, expected: Architecture, given: Architecture
         return
     ours, theirs = expected.as_json(), given.as_json()
     differing = next(name for name in ours if ours[name] != theirs[name])
-    names, values = ([shortened(str(one[key]), LONGEST_VALUE) for one in (ours, theirs)] for key in ("name", differing))
+
+    def value(one: Mapping[str, object], name: str) -> str:
+        return shortened(str(one[name]), LONGEST_VALUE)
+
     raise CheckpointError(
-        f"'{folder}': expected architecture '{names[0]}' with {differing} {values[0]}, "
-        f"got '{names[1]}' with {values[1]}"
+        f"'{folder}': expected architecture '{value(ours, 'name')}' with {differing} {value(ours, differing)}, "
+        f"got '{value(theirs, 'name')}' with {value(theirs, differing)}"
     )
