@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Trains experts of Stack and StackCube in other ways than the zoo's: records demonstrations, trains experts on them,
-# records corrections of the experts from fewer demonstrations (DAgger), and trains on those too. Finished parts are
+# records corrections of the experts from few demonstrations (DAgger), and trains on those too. Finished parts are
 # skipped and stopped ones continue, so the same command goes on after any interruption.
 # `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
 # Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes some four hours on two cores.

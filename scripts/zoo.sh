@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes the zoo from nothing: demonstrations of the nine tasks, the base, nine experts, the merged models. Each step is
 # skipped if its result is there and continued if it was stopped, so the same command goes on after any interruption.
-# Usage: scripts/zoo.sh [FOLDER]   (default runs/zoo; `make zoo`). Takes hours on two cores and 16 GB of memory; progress
+# Usage: scripts/zoo.sh [FOLDER]   (default runs/zoo; `make zoo`). Takes hours and 16 GB of memory on two cores; progress
 # is printed.
 # PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
@@ -12,8 +12,8 @@ DATA="$FOLDER/demonstrations/fast"
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 CORRECTED=pybullet/PandaPush-v3
 # Task, demonstrations and their render profile, steps and learning rate of its expert's training, further options: the
-# longest first, so that both processes end together. Five tasks have more than 150 demonstrations, since their success was
-# low; three of them adapt convolutions too. scripts/stacking.sh compares other trainings of the first two.
+# longest first, so that both processes end together. Five tasks have more than 150 demonstrations, since their success
+# was low; three of them adapt convolutions too. scripts/stacking.sh compares other trainings of the first two.
 EXPERTS="robosuite/Stack 2000 fast-2 20000 7e-4 --adapt-convolutions --action-steps 8
 maniskill/StackCube-v1 2000 fast-2 20000 7e-4 --adapt-convolutions --action-steps 2
 $CORRECTED 500 fast 9000 1e-3 --adapt-convolutions --action-steps 4
