@@ -20,7 +20,7 @@ from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsuppor
 from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
 from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.episode import Cell, Condition
-from robogauntlet.suites.loading import Problem, SuiteError, load_suite, problem_at
+from robogauntlet.suites.loading import REQUIRED, Problem, SuiteError, load_suite, problem_at
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from robogauntlet.suites.schema import Suite
@@ -177,7 +177,8 @@ def make_plan(
         if error.rest is None:
             raise
         rest = error.rest.with_names(names)
-        others = find_policies(rest, EnvironmentResolver(rest.environments), start=start)
+        known = list(rest.tasks) != REQUIRED["tasks"]
+        others = find_policies(rest, EnvironmentResolver(rest.environments), start=start, tasks_are_known=known)
         raise SuiteError([*error.problems, *others.problems(path, _text(path, text))], rest) from None
     whole, part = add_policies(loaded, part, path)
     if require_installed and whole.needs is not None:

@@ -100,7 +100,13 @@ def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite,
 
 
 def find_policies(
-    suite: Suite, environments: EnvironmentResolver, *, start: bool, ask: bool = False, fit: bool = False
+    suite: Suite,
+    environments: EnvironmentResolver,
+    *,
+    start: bool,
+    ask: bool = False,
+    fit: bool = False,
+    tasks_are_known: bool = True,
 ) -> SuitePolicies:
     """Find what each policy of a suite is built from.
 
@@ -111,6 +117,8 @@ def find_policies(
         ask: Whether to ask functions once.
         fit: Whether the suite leaves out tasks in which one of its policies cannot act, and takes the image size of the
             only one that is no reference policy, which then comes first.
+        tasks_are_known: Whether a policy that does not fit the suite is a mistake; not where tasks stand in for wrong
+            ones.
     """
     sources: dict[str, PolicySource] = {}
     unchecked: dict[str, str] = {}
@@ -124,7 +132,8 @@ def find_policies(
                 else _find_without_start(entry, suite, environments, fit=fit)
             )
         except PolicyMismatch as error:
-            mistakes.append((entry.name, f"policy '{entry.name}' does not fit: {error.reason}"))
+            if tasks_are_known:
+                mistakes.append((entry.name, f"policy '{entry.name}' does not fit: {error.reason}"))
             continue
         except PolicyError as error:
             mistakes.append((entry.name, f"policy '{entry.name}': {error.reason}"))

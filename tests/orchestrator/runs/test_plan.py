@@ -117,6 +117,13 @@ def test_policies_must_fit_the_tasks_that_a_file_means_also_beside_another_mista
     assert [f"it cannot act in robosuite/{refused};" in message for message in unfit] == ([True] if refused else [])
 
 
+def test_a_policy_is_not_asked_about_tasks_that_stand_in_for_a_mistyped_one(suite_file):
+    with pytest.raises(SuiteError) as found:
+        make_plan(suite_file(EXPERTS % ("robosuite/Stak", "")))
+    assert [problem.message for problem in found.value.problems if "act" in problem.message] == []
+    assert "unknown task 'robosuite/Stak'; did you mean 'robosuite/Stack'?" in str(found.value)
+
+
 @pytest.mark.parametrize(
     ("body", "found"),
     [
