@@ -1,4 +1,4 @@
-"""Simplifies the meshes of panda-gym's arm."""
+"""Copies of the meshes of panda-gym's arm that TinyRenderer draws alike each time, with all triangles or fewer."""
 
 from __future__ import annotations
 
@@ -7,30 +7,36 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from itertools import product
 from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.simplified_meshes import TRIANGLES, simplified
 
 ARM = "franka_panda"
 """Folder of the arm in PyBullet's data."""
+MOST_STEPS = 3
+"""Steps in single precision by which a component of a normal is moved at most, to settle it."""
 
 
 @contextmanager
-def simplified_arm() -> Iterator[None]:
-    """Make panda-gym load an arm that is drawn with fewer triangles. What physics reads are copies of the originals."""
+def arm_to_draw(*, simplify: bool) -> Iterator[None]:
+    """Make panda-gym load an arm with settled normals, of all triangles or fewer. Physics reads the same shapes."""
     import pybullet_data
 
-    original, folder = Path(pybullet_data.getDataPath()) / ARM, _folder()
+    original, folder = Path(pybullet_data.getDataPath()) / ARM, _folder(simplify)
     arm = folder / ARM
     try:
         folder.mkdir(mode=0o700)
         shutil.copytree(original, arm)
-        for file in original.glob("meshes/visual/*.obj"):
-            (arm / file.relative_to(original)).write_text(_simplified(file), encoding="utf-8")
+        # Links without a visual mesh are drawn as their collision mesh.
+        for file in original.glob("meshes/*/*.obj"):
+            visual = file.parent.name == "visual"
+            (arm / file.relative_to(original)).write_text(_to_draw(file, simplify and visual), encoding="utf-8")
         with patch("pybullet_data.getDataPath", return_value=str(folder)):
             yield
     finally:
@@ -38,13 +44,44 @@ def simplified_arm() -> Iterator[None]:
 
 
 @cache
-def _folder() -> Path:
+def _folder(simplify: bool) -> Path:
     """Return the place of a folder for all openings, as PyBullet keeps what it has read under the name of the file."""
     with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
         return Path(folder)
 
 
 @cache
+def _to_draw(file: Path, simplify: bool) -> str:
+    """Return a Wavefront file with settled normals, simplified or not."""
+    lines = (_simplified(file) if simplify else file.read_text(encoding="utf-8")).splitlines()
+    places = [place for place, line in enumerate(lines) if line.startswith("vn ")]
+    for place, normal in zip(places, settled(_numbers([lines[place] for place in places])).tolist(), strict=True):
+        lines[place] = "vn {:.9g} {:.9g} {:.9g}".format(*normal)
+    return "\n".join(lines) + "\n"
+
+
+def settled(normals: FloatArray) -> NDArray[np.float32]:
+    """Return unit vectors (n, 3) next to these that TinyRenderer's normalisation leaves as they are.
+
+    TinyRenderer normalises a vertex's normal whenever it draws the vertex, and keeps the result
+    (bullet3, examples/TinyRenderer/model.cpp, `Model::normal`). In single precision one normal in seven never settles
+    but alternates between two values, so that an image depends on how many were drawn before.
+    """
+    units = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+    for steps in sorted(product(range(-MOST_STEPS, MOST_STEPS + 1), repeat=3), key=lambda steps: np.abs(steps).sum()):
+        open_ = np.flatnonzero(_length(units) != 1.0)
+        moved = (units[open_].view(np.int32) + np.array(steps, dtype=np.int32)).view(np.float32)
+        found = _length(moved) == 1.0
+        units[open_[found]] = moved[found]
+    return units
+
+
+def _length(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the lengths (n,) of vectors (n, 3), with TinyRenderer's roundings."""
+    x, y, z = np.square(vectors).T
+    return np.sqrt((x + y) + z)
+
+
 def _simplified(file: Path) -> str:
     """Return a Wavefront file of triangles with fewer of them in each group that has a material."""
     head, *groups = file.read_text(encoding="utf-8").split("usemtl ")

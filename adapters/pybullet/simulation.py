@@ -24,7 +24,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ from robogauntlet.adapters.pybullet.cameras import PyBulletCameras
 from robogauntlet.adapters.pybullet.culling import PyBulletCulling
 from robogauntlet.adapters.pybullet.dynamics import PyBulletDynamics
 from robogauntlet.adapters.pybullet.lights import Lamps, PyBulletLights
-from robogauntlet.adapters.pybullet.meshes import simplified_arm
+from robogauntlet.adapters.pybullet.meshes import arm_to_draw
 from robogauntlet.adapters.pybullet.objects import PyBulletObjects
 from robogauntlet.adapters.pybullet.table import PyBulletTable
 from robogauntlet.adapters.pybullet.tasks import TASKS
@@ -257,7 +257,7 @@ def open(task: str, view: View) -> PyBulletSimulation:
             import panda_gym  # noqa: F401  registers the environments
         except ImportError as error:
             raise SimulatorUnavailable(f'{error}; install it: pip install "robogauntlet[pybullet]"') from error
-        with simplified_arm() if view.render_profile is RenderProfile.FAST_2 else nullcontext():
+        with arm_to_draw(simplify=view.render_profile is RenderProfile.FAST_2):
             env = gymnasium.make(task, disable_env_checker=True).unwrapped
             return PyBulletSimulation(env, TASKS[task], view)
 

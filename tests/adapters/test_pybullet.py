@@ -5,10 +5,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from robogauntlet.adapters.camera_geometry import looking_at
 from robogauntlet.adapters.contract import ACTION_NAMES
 from robogauntlet.adapters.pybullet import simulation as adapter
+from robogauntlet.adapters.pybullet.meshes import settled
 from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, Unreachable, unit
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -214,6 +218,27 @@ def test_two_clients_do_not_disturb_each_other(opened):
     for simulation in (third, fourth):
         simulation.reset(0)
         simulation.step(np.zeros(7))
+
+
+def test_a_state_gives_the_same_image_however_often_it_was_drawn(opened):
+    """A state in which an image of PyBullet's own meshes differs from the next one in a pixel."""
+    simulation, generator = opened(REACH, render_profile=RenderProfile.FAST), np.random.default_rng(27)
+    simulation.reset(27)
+    colour, across = generator.uniform(0.3, 0.7, 3), generator.normal(size=3) * [1.0, 1.0, 0.0]
+    simulation.scene_controls.lights.set_light(Light(colour, unit(across + np.array([0.0, 0.0, 1.0]))))
+    for _ in range(3):
+        simulation.step(generator.uniform(simulation.action_spec.low, simulation.action_spec.high))
+    images = [simulation.draw("third_person", 512) for _ in range(4)]
+    assert all(np.array_equal(image, images[0]) for image in images)
+
+
+@given(arrays(np.float32, (20, 3), elements=st.floats(-1.0, 1.0, width=32)))
+def test_settled_normals_stay_as_they_are_when_normalised_and_are_those_given(normals):
+    normals = normals[np.linalg.norm(normals, axis=1) > 0.01].astype(np.float64)
+    units = settled(normals)
+    x, y, z = np.square(units).T
+    assert np.array_equal(units * (np.float32(1.0) / np.sqrt(x + y + z))[:, None], units)
+    np.testing.assert_allclose(units, normals / np.linalg.norm(normals, axis=1, keepdims=True), atol=2e-7)
 
 
 def test_the_light_of_one_image_does_not_change_the_next(opened):
