@@ -6,6 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.policies.mergevla.options import expert_folders
+from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.pairs import Pairs, is_no_worse, paired_difference, pooled
 from tests.benchmarks.shared import EXPERTS, POLICY_OPTIONS, play_suite, table_of
 
@@ -17,7 +19,7 @@ MARGIN = 0.03
 SUITE = """
 name: simplified-meshes
 policies: [{{kind: {policy}, options: {options}}}]
-tasks: ["{simulator}/*"]
+tasks: {tasks}
 seeds: {{start: 3000100, count: {seeds}}}
 render_profile: {profile}
 """
@@ -26,11 +28,13 @@ render_profile: {profile}
 def measure() -> list[dict[str, object]]:
     """Successes with both profiles, their paired difference, and the test of non-inferiority."""
     rows: list[dict[str, object]] = []
+    all_tasks = expert_folders(shipped("zoo:experts"))
     for simulator in SIMULATORS:
+        tasks = json.dumps([task for task in all_tasks if task.startswith(f"{simulator}/")])
         outcomes: list[dict[tuple[str, int], bool]] = []
         for profile in PROFILES:
             options = json.dumps(POLICY_OPTIONS[EXPERTS])
-            text = SUITE.format(policy=EXPERTS, options=options, simulator=simulator, seeds=SEEDS, profile=profile)
+            text = SUITE.format(policy=EXPERTS, options=options, tasks=tasks, seeds=SEEDS, profile=profile)
             outcomes.append({(row.task, row.seed): row.status == "success" for row in play_suite(text)})
         by_task = {
             task: Pairs.from_outcomes(*(_of(task, played) for played in outcomes))
