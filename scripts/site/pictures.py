@@ -45,12 +45,14 @@ def percent(interval: Interval | None, digits: int = 0) -> str:
 
 
 def screening() -> Pairs:
-    """Return the pairs of experts and merged policy in the clean episodes of the screening."""
+    """Return the pairs of experts and merged policy in the episodes of the screening under blur of severity 2."""
     import pandas as pd
 
-    rows = pd.read_parquet(DOCS / "reports/screening/episodes.parquet", columns=["pair_id", "policy", "axis", "status"])
-    clean = rows[(rows["axis"] == "clean") & rows["policy"].isin(["experts", "merged"])]
-    sides = clean.assign(ok=(clean["status"] == "success").astype(float)).pivot(
+    rows = pd.read_parquet(
+        DOCS / "reports/screening/episodes.parquet", columns=["pair_id", "policy", "axis", "severity", "status"]
+    )
+    blur = rows[(rows["axis"] == "blur") & (rows["severity"] == 2) & rows["policy"].isin(["experts", "merged"])]
+    sides = blur.assign(ok=(blur["status"] == "success").astype(float)).pivot(
         index="pair_id", columns="policy", values="ok"
     )
     return Pairs.from_outcomes(sides["experts"].to_numpy(), sides["merged"].to_numpy())

@@ -345,8 +345,8 @@ def test_what_the_page_says_of_the_screening_beside_its_findings_is_counted_in_i
     assert f"the zoo's nine experts keep {kept:.0%} over all axes".replace("%", " %") in page
     reworded = [f"{won.mean()[policy, 'instruction'].mean():.0%}" for policy in ("merged", "experts")]
     assert won.size()["merged", "instruction"].sum() == 180
-    assert reworded[0] == reworded[1]
-    assert f"the merged policy succeeds in {reworded[0].replace('%', ' %')}, as the experts do" in page
+    merged, experts = (rate.replace("%", " %") for rate in reworded)
+    assert f"the merged policy succeeds in {merged}, the experts in {experts}." in page
     clean = rows[rows.axis == "clean"].set_index(["policy", "task", "seed"]).actions_hash
     same = rows.join(clean, on=["policy", "task", "seed"], rsuffix="_clean").eval("actions_hash == actions_hash_clean")
     assert f"bit-identical in all {same[rows.axis == 'again'].sum()} pairs" in page
