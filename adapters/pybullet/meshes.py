@@ -1,7 +1,8 @@
-"""Copies of the meshes of panda-gym's arm that TinyRenderer draws alike each time, with all triangles or fewer."""
+"""Copies of the meshes of panda-gym's arm that TinyRenderer draws identically each time, simplified if wanted."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.contract import AdapterError, FloatArray
 from robogauntlet.adapters.simplified_meshes import TRIANGLES, simplified
 
 ARM = "franka_panda"
@@ -25,13 +26,16 @@ MOST_STEPS = 3
 
 @contextmanager
 def arm_to_draw(*, simplify: bool) -> Iterator[None]:
-    """Make panda-gym load an arm with settled normals, of all triangles or fewer. Physics reads the same shapes."""
+    """Make panda-gym load an arm whose normals are settled, with fewer triangles if `simplify`.
+
+    Physics reads the original shapes.
+    """
     import pybullet_data
 
-    original, folder = Path(pybullet_data.getDataPath()) / ARM, _folder(simplify)
+    original, folder = Path(pybullet_data.getDataPath()) / ARM, _folder(simplify, os.getpid())
     arm = folder / ARM
+    folder.mkdir(mode=0o700)
     try:
-        folder.mkdir(mode=0o700)
         shutil.copytree(original, arm)
         # Links without a visual mesh are drawn as their collision mesh.
         for file in original.glob("meshes/*/*.obj"):
@@ -44,7 +48,7 @@ def arm_to_draw(*, simplify: bool) -> Iterator[None]:
 
 
 @cache
-def _folder(simplify: bool) -> Path:
+def _folder(simplify: bool, process: int) -> Path:
     """Return the place of a folder for all openings, as PyBullet keeps what it has read under the name of the file."""
     with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
         return Path(folder)
@@ -64,15 +68,18 @@ def settled(normals: FloatArray) -> NDArray[np.float32]:
     """Return unit vectors (n, 3) next to these that TinyRenderer's normalisation leaves as they are.
 
     TinyRenderer normalises a vertex's normal whenever it draws the vertex, and keeps the result
-    (bullet3, examples/TinyRenderer/model.cpp, `Model::normal`). In single precision one normal in seven never settles
-    but alternates between two values, so that an image depends on how many were drawn before.
+    (bullet3, examples/TinyRenderer/model.cpp, `Model::normal`). In single precision one in seven of the arm's normals
+    never settles but alternates between two values, so that an image depends on how many were drawn before.
     """
     units = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
-    for steps in sorted(product(range(-MOST_STEPS, MOST_STEPS + 1), repeat=3), key=lambda steps: np.abs(steps).sum()):
-        open_ = np.flatnonzero(_length(units) != 1.0)
-        moved = (units[open_].view(np.int32) + np.array(steps, dtype=np.int32)).view(np.float32)
+    moves = product(range(-MOST_STEPS, MOST_STEPS + 1), repeat=3)
+    for move in sorted(moves, key=lambda steps: np.abs(steps).sum()):
+        left = np.flatnonzero(_length(units) != 1.0)
+        moved = (units[left].view(np.int32) + np.array(move, dtype=np.int32)).view(np.float32)
         found = _length(moved) == 1.0
-        units[open_[found]] = moved[found]
+        units[left[found]] = moved[found]
+    if (_length(units) != 1.0).any():
+        raise AdapterError("PyBullet's arm has normals that cannot be settled")
     return units
 
 

@@ -44,7 +44,7 @@ def percent(interval: Interval | None, digits: int = 0) -> str:
     return f"[{100 * interval.low:.{digits}f}, {100 * interval.high:.{digits}f}]".replace("[-0,", "[0,")
 
 
-def screening() -> Pairs:
+def blurred() -> Pairs:
     """Return the pairs of experts and merged policy in the episodes of the screening under blur of severity 2."""
     import pandas as pd
 
@@ -110,7 +110,7 @@ def difference(pairs: Pairs) -> tuple[float, Interval]:
 
 def numbers() -> Mapping[str, str]:
     """Return the numbers of the page by their names."""
-    real = screening()
+    real = blurred()
     loss, loss_interval = difference(real)
     bounds = rate_bounds(90, 5, 5)
     peeking, evidence = false_alarms()
@@ -178,7 +178,7 @@ def paired() -> Drawing:
 
 def disagreeing() -> Drawing:
     """The pairs of the screening, one square each."""
-    real = screening()
+    real = blurred()
     sheet = Drawing(480, 176)
     legend = (
         (24, "fill-soft", "both", real.both),

@@ -1,6 +1,7 @@
 """Tests of the PyBullet adapter only; the conformance tests are common to all adapters."""
 
 from contextlib import ExitStack, closing
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from robogauntlet.adapters.camera_geometry import looking_at
 from robogauntlet.adapters.contract import ACTION_NAMES
 from robogauntlet.adapters.pybullet import simulation as adapter
-from robogauntlet.adapters.pybullet.meshes import settled
+from robogauntlet.adapters.pybullet.meshes import arm_to_draw, settled
 from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, Unreachable, unit
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -221,7 +222,7 @@ def test_two_clients_do_not_disturb_each_other(opened):
 
 
 def test_a_state_gives_the_same_image_however_often_it_was_drawn(opened):
-    """A state in which an image of PyBullet's own meshes differs from the next one in a pixel."""
+    """In this state two successive images of PyBullet's own meshes differ in one pixel."""
     simulation, generator = opened(REACH, render_profile=RenderProfile.FAST), np.random.default_rng(27)
     simulation.reset(27)
     colour, across = generator.uniform(0.3, 0.7, 3), generator.normal(size=3) * [1.0, 1.0, 0.0]
@@ -232,13 +233,31 @@ def test_a_state_gives_the_same_image_however_often_it_was_drawn(opened):
     assert all(np.array_equal(image, images[0]) for image in images)
 
 
+def normalised(units):
+    """As TinyRenderer normalises, in single precision."""
+    x, y, z = np.square(units).T
+    return units * (np.float32(1.0) / np.sqrt(x + y + z))[:, None]
+
+
 @given(arrays(np.float32, (20, 3), elements=st.floats(-1.0, 1.0, width=32)))
 def test_settled_normals_stay_as_they_are_when_normalised_and_are_those_given(normals):
     normals = normals[np.linalg.norm(normals, axis=1) > 0.01].astype(np.float64)
     units = settled(normals)
-    x, y, z = np.square(units).T
-    assert np.array_equal(units * (np.float32(1.0) / np.sqrt(x + y + z))[:, None], units)
+    assert np.array_equal(normalised(units), units)
     np.testing.assert_allclose(units, normals / np.linalg.norm(normals, axis=1, keepdims=True), atol=2e-7)
+
+
+@pytest.mark.parametrize("simplify", [False, True])
+def test_all_normals_of_the_arm_are_settled(simplify):
+    pybullet_data = pytest.importorskip("pybullet_data")
+    with arm_to_draw(simplify=simplify):
+        files = list(Path(pybullet_data.getDataPath()).glob("franka_panda/meshes/*/*.obj"))
+        texts = [file.read_text() for file in files]
+    assert len(files) > 10
+    for text in texts:
+        units = np.array([line.split()[1:] for line in text.splitlines() if line.startswith("vn ")], dtype=np.float32)
+        assert len(units)
+        assert np.array_equal(normalised(units), units)
 
 
 def test_the_light_of_one_image_does_not_change_the_next(opened):

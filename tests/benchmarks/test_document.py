@@ -1,6 +1,7 @@
 """Tables of measurements in the documentation are those of the committed rows."""
 
 import json
+import re
 from string import ascii_lowercase
 
 import numpy as np
@@ -353,6 +354,19 @@ def test_what_the_page_says_of_the_screening_beside_its_findings_is_counted_in_i
     assert same[rows.axis == "again"].all()
     acts = {"action-delay", "action-noise", "dynamics", "object-position", "robot-start"}
     assert same[(rows.policy == "oracle") & ~rows.axis.isin(acts)].all()
+    found = (ROOT / "docs/reports/screening/README.md").read_text(encoding="utf-8")
+    loss, levels = re.findall(r"merged: \+(.*) percentage points .* all (\d+) perturbed", found)[0]
+    clean_loss = re.findall(r"merged: \+(.*) percentage points lost against experts, clean", found)[0]
+    assert f"{loss.replace(' ', ' points ', 1)} ({levels} levels, 90 % interval)" in page
+    assert f"in the clean condition, {clean_loss.replace(' ', ' points ', 1)} (18 axes" in page
+    for pattern, said in (
+        (r"experts: .* drops .*(along \d+ of \d+ axes)", "Success drops {}: the"),
+        (r"experts: .*object-position \(\d+ % (to \d+ %) at", "and {} [8, 29] with objects 7 cm outside"),
+        (r"experts: .*camera-bump \((\d+ % to \d+ %) at 5 cm\)", "the experts' from {} with cameras displaced by 5 cm"),
+        (r"policy failed first under (\d+ of \d+ axes)", "**The policy fails first** along {},"),
+        (r"another one (.*?), clean", "experts still reach the old goal in {} of the episodes"),
+    ):
+        assert said.format(*re.findall(pattern, found)) in page
 
 
 def test_the_page_says_how_much_of_an_experts_episode_its_behaviour_takes():

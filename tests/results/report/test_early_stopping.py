@@ -20,3 +20,6 @@ def test_the_sentences_about_the_kept_run_are_those_of_its_plan_and_rows():
     counted = build_failures(run, read_frame(KEPT / "episodes.parquet", COLUMNS))
     for sentence in (stopping_rule(found), *failures.sentences(counted)):
         assert f"- {sentence}\n" in page
+    assert any(
+        f"    - {sentence}\n" in (ROOT / "docs/failures.md").read_text() for sentence in failures.sentences(counted)
+    )
