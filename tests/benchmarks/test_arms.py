@@ -53,10 +53,36 @@ def test_what_the_page_says_of_doors_beside_the_table_is_counted_in_its_rows():
 
 def test_what_the_page_says_of_arms_beside_the_table_is_counted_in_its_rows():
     rows = pd.read_parquet(MEASUREMENTS / "arms.parquet")
+    page = (ROOT / "docs/mergevla.md").read_text(encoding="utf-8")
     failures = rows[(rows.policy == "experts") & (rows.task == "robosuite/Door@Kinova3") & (rows.status == "failure")]
-    assert failures.failure.tolist() == ["misplaced"] * 10  # of 50, as docs/robosuite.md says beside its table
-    routed = rows[(rows.policy == "ta-s-averaged-trunk-paper-coded") & (rows.setting == "one skill")]
-    assert routed.inferred_task.tolist() == ["robosuite/Lift@UR5e"] * 200
+    assert failures.failure.tolist() == ["misplaced"] * 12  # of 50, as docs/robosuite.md says beside its table
+    won = rows[rows.status == "success"].groupby(["setting", "policy"]).size()
+    merges = {way: won["one skill", way] for way in arms.MERGES if way not in ("none-4", "naive-mean")}
+    assert merges.pop("ties-s") == 194
+    assert set(merges.values()) == {198, 199}
+    assert won["one skill", "naive-mean"] == 129
+    routed = rows[rows.policy == "ta-s-averaged-trunk-paper-coded"]
+    same_hand = routed[(routed.setting == "one skill") & (routed.task != "robosuite/Lift@UR5e")]
+    assert ((same_hand.inferred_task == "robosuite/Lift@IIWA").sum(), len(same_hand)) == (144, 150)
+    assert f"{(same_hand.status == 'success').mean():.0%}" == "92%"
+    lifted = routed[(routed.setting == "unseen arms") & (routed.status == "success")]
+    assert lifted.task.value_counts().to_dict() == {"robosuite/Lift@Jaco": 17, "robosuite/Lift@XArm7": 8}
+    assert set(lifted.inferred_task) == {"robosuite/Lift@IIWA"}
+    own = rows[(rows.policy == "expert-of-IIWA") & (rows.setting == "unseen arms") & (rows.status == "success")]
+    assert own.task.value_counts().tolist() == [2, 1]
+    first, now = (
+        {(row["setting"], row["policy"]): row["kept"] for row in arms.rows_of(table)}
+        for table in (pd.read_parquet(MEASUREMENTS / "arms_first.parquet"), rows)
+    )
+    assert {first["unseen arms", way] for way in arms.ROUTED} == {"0 %"}
+    kept = [first["three skills", way] for way in ("ties-s", "ta-s", "naive-mean")]
+    said = " ".join(page.split())
+    assert f"TIES+S kept {kept[0]}, TA+S {kept[1]} and the mean of everything {kept[2]}, which keeps" in said
+    assert f"which keeps {now['three skills', 'naive-mean']} now" in said
+    assert (
+        f"TIES+S keeps {now['three skills', 'ties-s']} of the experts' success, TA+S {now['three skills', 'ta-s']},"
+        in said
+    )
 
 
 def test_what_the_page_says_of_other_trainings_is_in_the_rows():
