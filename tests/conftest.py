@@ -24,7 +24,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # What a person has configured for their own runs is no part of the tests.
 os.environ["ROBOGAUNTLET_CONFIG"] = os.devnull
-os.environ["ROBOGAUNTLET_ENVIRONMENTS"] = tempfile.mkdtemp(prefix="robogauntlet-environments-")
+_ENVIRONMENTS = tempfile.TemporaryDirectory(prefix="robogauntlet-environments-")
+os.environ["ROBOGAUNTLET_ENVIRONMENTS"] = _ENVIRONMENTS.name
 
 # Tests open several simulators in one process, so the variables of all are set before the first is imported.
 for _simulator in catalog.simulators().values():
