@@ -10,6 +10,7 @@ from html import unescape
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 from typer import Context
@@ -130,6 +131,8 @@ def test_the_numbers_of_the_statistics_page_are_those_of_the_functions():
     assert missing == {}
     assert "in 86 both succeed, in 3 only the experts, in none only the merged model, in 1 neither" in page
     assert pairs == ["86", "3", "0", "1"]
+    rows = pd.read_parquet(DOCS / "reports/screening/episodes.parquet")
+    assert f"one of its {len(rows[rows.severity > 1].groupby(['axis', 'severity']).size())} perturbed levels" in page
 
 
 def test_troubleshooting_has_every_line_of_the_doctor_and_no_other():

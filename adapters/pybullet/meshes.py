@@ -49,7 +49,10 @@ def arm_to_draw(*, simplify: bool) -> Iterator[None]:
 
 @cache
 def _folder(simplify: bool, process: int) -> Path:
-    """Return the place of a folder for all openings, as PyBullet keeps what it has read under the name of the file."""
+    """Return the place of a folder for all openings with these arguments.
+
+    PyBullet keeps what it has read under the name of the file, and forked processes must not share the folder.
+    """
     with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
         return Path(folder)
 
@@ -68,8 +71,8 @@ def settled(normals: FloatArray) -> NDArray[np.float32]:
     """Return unit vectors (n, 3) next to these that TinyRenderer's normalisation leaves as they are.
 
     TinyRenderer normalises a vertex's normal whenever it draws the vertex, and keeps the result
-    (bullet3, examples/TinyRenderer/model.cpp, `Model::normal`). In single precision one in seven of the arm's normals
-    never settles but alternates between two values, so that an image depends on how many were drawn before.
+    (bullet3, examples/TinyRenderer/model.cpp, `Model::normal`). In single precision many normals never settle but
+    alternate between two values, so that an image depends on how many were drawn before.
     """
     units = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
     moves = product(range(-MOST_STEPS, MOST_STEPS + 1), repeat=3)

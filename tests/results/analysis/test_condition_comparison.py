@@ -125,6 +125,18 @@ def test_the_sentences_about_a_kept_run_are_findings_from_its_rows(name, sentenc
     assert set(said) <= set(findings(built))
 
 
+def test_the_page_says_what_the_kept_screening_found_beside_its_readme():
+    kept = ROOT / "docs/reports/screening"
+    found = findings(build_robustness(read_run(kept), read_frame(kept / "episodes.parquet", COLUMNS)))
+    page = " ".join((ROOT / "docs/robustness.md").read_text("utf-8").split())
+    (lowest,) = (
+        line.partition("outside, ")[2] for line in found if line.startswith("experts: lowest at object-position@4")
+    )
+    assert f"to {lowest[:-1]} with objects 7 cm outside" in page
+    assert not any("the router failed first" in line for line in found)
+    assert "the router along none" in page
+
+
 def test_the_readme_says_what_the_kept_run_of_shipped_policies_found():
     lines = (ROOT / "docs/reports/screening/README.md").read_text("utf-8").splitlines()
     (lost,) = (line.split(": +")[1].partition(" percent")[0] for line in lines if "perturbed levels" in line)
