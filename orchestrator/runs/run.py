@@ -24,13 +24,13 @@ from robogauntlet.orchestrator.runs.run_tracking import RunTracking
 from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
-from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
+from robogauntlet.results.record import EpisodeResult, Status, outcome_row, rows_hash
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, shortened, store_url, write_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.episode import Cell
 from robogauntlet.support.durations import format_duration
-from robogauntlet.support.errors import describe_os_error
+from robogauntlet.support.errors import describe_os_error, first_line
 from robogauntlet.support.files import write_whole
 from robogauntlet.support.text import counted
 
@@ -242,13 +242,16 @@ class RunSession:
 
     def conclude(self) -> RunOutcome:
         """Write the document and the report of what was played."""
-        done, digest = 0, None
+        done, digest, played = 0, None, True
         with contextlib.suppress(StoreError):
-            done = sum(self._store.status_counts().values())
+            counts = self._store.status_counts()
+            done, played = sum(counts.values()), any(status != Status.ERROR for _, status in counts)
             digest = rows_hash(map(outcome_row, self._store.results()))
         missing = self._document.planned - done
         if self._status is RunStatus.COMPLETE and missing > 0 and not self._observer.skipped_simulators:
             self._status, self._reason = RunStatus.STOPPED, f"{counted(missing, 'episode')} missing"
+        if self._status is RunStatus.COMPLETE and not played:
+            self._status, self._reason = RunStatus.STOPPED, self._why_nothing()
         self._update(
             status=self._status,
             reason=None if self._reason is None else shortened(self._reason),
@@ -261,6 +264,12 @@ class RunSession:
         outcome = self._write(done)
         self._tracking.conclude(outcome.document, outcome.report.tables if outcome.report else None)
         return outcome
+
+    def _why_nothing(self) -> str:
+        """Why no episode was played, in a line."""
+        skipped = self._observer.skipped_simulators
+        reasons = [f"{name} is skipped: {first_line(reason)}" for name, reason in skipped.items()]
+        return f"no episode was played; {'; '.join(reasons) or 'each ended in an error'}"
 
     def finish_tracking(self, outcome: RunOutcome) -> RunOutcome:
         """Send the videos to the experiment tracker, and wait a moment until it has everything."""

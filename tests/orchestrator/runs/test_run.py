@@ -212,6 +212,16 @@ def test_too_many_errors_stop_the_run_and_keep_its_rows(run, suite):
     assert 0 < outcome.done < 40
 
 
+def test_a_run_of_which_nothing_was_played_is_stopped_and_says_why(run, suite, monkeypatch):
+    def skip(session, work):
+        session._observer.on_skipped("null", "it cannot render\nhere", sum(len(seeds) for _, seeds in work))
+
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run.RunSession._play", skip)
+    outcome = run(suite())
+    assert (outcome.done, outcome.document.status) == (0, RunStatus.STOPPED)
+    assert outcome.document.reason == "no episode was played; null is skipped: it cannot render"
+
+
 def test_errors_are_kept_until_a_retry_is_requested(run, suite, tmp_path, monkeypatch):
     path = suite(SUITE.replace("null/Reach", "null/Raise"), error_tolerance=1.0)
     run(path)
