@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-import tempfile
 from collections.abc import Sequence
 from contextlib import nullcontext
 from importlib import metadata
@@ -17,8 +16,11 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.cli.common import AsJson, fail, out, print_json, print_line
 from robogauntlet.orchestrator.environments.probe import Finding, probe
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.ray_runtime.session_folder import LONGEST
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies import oracles
+from robogauntlet.support.errors import describe_os_error
+from robogauntlet.support.private_folder import new_session_folder
 
 MIN_DISK_GB = 2.0
 LISTENS = {
@@ -95,9 +97,15 @@ def _machine_problems() -> list[str]:
         imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
         problems.append(f"videos cannot be written: {error}; pip install imageio-ffmpeg")
-    here, ray = f"this folder; a run with videos needs up to {MIN_DISK_GB:g} GB", "where Ray keeps its files"
-    for folder, place in ((".", here), (tempfile.gettempdir(), f"{tempfile.gettempdir()}, {ray}")):
-        free = shutil.disk_usage(folder).free / 1e9
+    places = {".": f"this folder; a run with videos needs up to {MIN_DISK_GB:g} GB"}
+    try:
+        folder = new_session_folder(LONGEST)
+        folder.rmdir()
+        places[str(folder.parent)] = f"{folder.parent}, where Ray keeps its files"
+    except OSError as error:
+        problems.append(f"Ray would not start: {describe_os_error(error)}")
+    for place, name in places.items():
+        free = shutil.disk_usage(place).free / 1e9
         if free < MIN_DISK_GB:
-            problems.append(f"only {free:.1f} GB are free in {place}")
+            problems.append(f"only {free:.1f} GB are free in {name}")
     return problems

@@ -20,8 +20,7 @@ from filelock import FileLock
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import Policy, PolicyError, PolicyFiles
 from robogauntlet.support.files import new_folder
-
-PRIVATE = 0o700
+from robogauntlet.support.private_folder import private_folder
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def resolve_locally(source: PolicySource) -> PolicySource:
         options = {name: str(folder / path) for name, path in source.bundle.options.items()}
         copy = replace(source, options={**source.options, **options}, bundle=None)
         try:
-            folder.parent.mkdir(mode=PRIVATE, exist_ok=True)
+            private_folder(folder.parent)  # another user's could exchange the files after they were checked
             with FileLock(f"{folder}.lock"):  # other processes of this node may fetch the same files
                 try:
                     _check(copy)
@@ -85,7 +84,7 @@ def resolve_locally(source: PolicySource) -> PolicySource:
                     _unpack(source.bundle, folder)
                     _check(copy)
         except OSError as error:
-            raise PolicyError(f"the policy's files cannot be copied to {folder}: {error.strerror}") from None
+            raise PolicyError(f"the policy's files cannot be copied to {folder}: {error.strerror or error}") from None
         return copy
     return source
 

@@ -17,7 +17,7 @@ import psutil
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
 from robogauntlet.orchestrator.ray_runtime.parts import private, without_unused_parts
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
-from robogauntlet.support.errors import first_line
+from robogauntlet.support.errors import describe_os_error, first_line
 
 _LOCAL_ENVIRONMENT: dict[str, str | None] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
@@ -83,10 +83,10 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
             check_address(address)
         has_died = False
         try:
-            _start(address, workers)
             if address is None:
-                _folder = SessionFolder(Path(private("worker", "_global_node").get_session_dir_path()))
-            else:
+                _folder = _new_folder()
+            _start(address, workers)
+            if address is not None:
                 _head = ClusterHead(ray.get_runtime_context().gcs_address)
             yield
             has_died = bool(_dead_parts())
@@ -143,6 +143,7 @@ def _start(address: str | None, workers: int) -> None:
     if address is None:
         cores = max(os.cpu_count() or 1, workers)
         options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _STARTED_HERE}
+        options |= {"_temp_dir": str(_folder.ray)} if _folder is not None else {}
     children = set(psutil.Process().children(recursive=True))
     try:
         with without_unused_parts():
@@ -156,6 +157,13 @@ def _start(address: str | None, workers: int) -> None:
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
     with contextlib.suppress(OSError, RuntimeError):
         (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
+
+
+def _new_folder() -> SessionFolder:
+    try:
+        return SessionFolder()
+    except OSError as error:
+        raise RayLost(f"Ray did not start: {describe_os_error(error)}") from None
 
 
 def _end_children(but: Collection[psutil.Process]) -> None:

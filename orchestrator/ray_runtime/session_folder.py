@@ -14,8 +14,15 @@ from pathlib import Path
 
 import psutil
 
+from robogauntlet.support.private_folder import new_session_folder
 from robogauntlet.support.secret_variables import without_secrets
 
+SOCKET_BYTES = 107
+"""Longest path of a socket on Linux."""
+IN_FOLDER = "/ray/session_2026-01-01_00-00-00_000000_4194304/sockets/plasma_store"
+"""Longest path of a socket in a session's folder."""
+LONGEST = SOCKET_BYTES - len(IN_FOLDER)
+"""Longest path of a session's folder."""
 GRACE_S = 5.0
 """Time for Ray's processes to end by themselves after that which started them (s); its agents take a minute."""
 
@@ -24,15 +31,21 @@ END_S = 60.0
 
 
 class SessionFolder:
-    """Ray's logs and sockets, and the temporary files of a session's processes.
+    """Ray's logs and sockets, and the temporary files of a session's processes, in a folder of this user alone.
 
-    `remove` removes it. If this process is killed before, another one ends what is left of Ray and removes it.
+    Ray itself opens its folders to all users of the machine. `remove` removes it. If this process is killed before,
+    another one ends what is left of Ray and removes it.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Guard the folder at `path`."""
-        self.path, self.temporary = path, path / "tmp"
-        self.temporary.mkdir(exist_ok=True)
+    def __init__(self) -> None:
+        """Create the folder.
+
+        Raises:
+            OSError: It cannot be created.
+        """
+        self.path = path = new_session_folder(LONGEST)
+        self.ray, self.temporary = path / "ray", path / "tmp"
+        self.temporary.mkdir()
         self._guard = subprocess.Popen(
             [sys.executable, "-m", __spec__.name, str(path), str(os.getpid())],
             env=without_secrets(os.environ),

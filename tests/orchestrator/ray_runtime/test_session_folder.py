@@ -15,22 +15,43 @@ from tests.processes import GAUNTLET, run_process, started_by
 
 WITHIN_S = 30.0
 SUITE = "name: s\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 200}\nworkers: 2\n"
-SESSION = """
+LOOKED_AT = """
+import os, subprocess, sys
+from pathlib import Path
 from robogauntlet.orchestrator.ray_runtime.session import ray_session, temporary_folder
 
 with ray_session(address=None, workers=1):
-    print(temporary_folder())
+    root = temporary_folder().parent
+    sockets = [str(path) for path in root.rglob("*") if path.is_socket()]
+    assert sockets and max(map(len, sockets)) <= 107, sockets
+    print(root)
+    print(root.parent, oct(root.stat().st_mode & 0o777), root.stat().st_uid == os.getuid())
+    (logs,) = root.glob("ray/session_2*/logs")
+    other = {"user": 65534} if os.getuid() == 0 else {}
+    done = subprocess.run(["ln", "-s", "/etc/passwd", logs], capture_output=True, text=True, check=False, **other)
+    print(done.stderr.strip() or "linked")
 """
 
 pytestmark = pytest.mark.ray
 
 
-def test_the_folder_of_a_session_goes_with_it():
-    done = run_process([sys.executable, "-c", SESSION])
+@pytest.fixture(scope="module")
+def looked_at(tmp_path_factory):
+    """What a session under a long TMPDIR prints: its folder, where that is and whose, and what another user can do."""
+    long = tmp_path_factory.mktemp("job" + "x" * 60)
+    done = run_process([sys.executable, "-c", LOOKED_AT], TMPDIR=str(long))
     assert done.returncode == 0, done.stderr
-    temporary = Path(done.stdout.splitlines()[-1])
-    assert temporary.parent.name.startswith("session_")
-    assert not temporary.parent.exists()
+    return done.stdout.splitlines()[-3:]
+
+
+def test_the_folder_of_a_session_goes_with_it(looked_at):
+    assert not Path(looked_at[0]).exists()
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can act as a second user")
+def test_another_user_reaches_nothing_of_a_session_whatever_tmpdir_is_and_no_socket_is_too_long(looked_at):
+    assert looked_at[1] == "/tmp 0o700 True"
+    assert looked_at[2].endswith("Permission denied")
 
 
 def test_half_a_minute_after_sigkill_nothing_of_a_run_is_left(tmp_path):
