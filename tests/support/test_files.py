@@ -1,13 +1,14 @@
-"""Files and folders are written whole or not at all."""
+"""Files of others are regular and bounded; files and folders are written whole or not at all."""
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 
 import pytest
 
-from robogauntlet.support.files import exclusive, new_folder, replacing, write_whole
+from robogauntlet.support.files import exclusive, new_folder, open_regular, read_regular, replacing, write_whole
 from tests.full_disk import full_disk
 
 
@@ -83,3 +84,38 @@ def test_a_lock_is_held_by_one_process_and_released_after_the_block(tmp_path):
         with pytest.raises(ValueError, match="taken"), exclusive(tmp_path / "lock", ValueError("taken")):
             pass
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_file_of_others_is_read_within_its_limit(tmp_path):
+    path, link = tmp_path / "file", tmp_path / "link"
+    path.write_bytes(b"12345")
+    link.symlink_to(path)
+    assert read_regular(link, 5) == b"12345"
+    with open_regular(path) as file:
+        assert file.read(2) == b"12"
+    with pytest.raises(OSError, match=r"^expected at most 4 bytes, got more$"):
+        read_regular(path, 4)
+    with pytest.raises(FileNotFoundError):
+        read_regular(tmp_path / "absent")
+
+
+def test_a_path_that_is_no_regular_file_is_refused_without_waiting(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    (tmp_path / "folder").mkdir()
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "socket"))
+        for name, kind in {"pipe": "named pipe", "endless": "device", "folder": "folder", "socket": "socket"}.items():
+            with pytest.raises(OSError, match=f"expected a regular file, got a {kind}"):
+                read_regular(tmp_path / name)
+
+
+def test_a_large_file_of_holes_is_refused_and_a_written_one_is_not(tmp_path):
+    holes, written = tmp_path / "holes", tmp_path / "written"
+    for path, content in ((holes, b"x"), (written, bytes(7_000_000))):
+        path.write_bytes(content)
+        os.truncate(path, 65_000_000)
+    with pytest.raises(OSError, match="65,000,000 bytes of holes"):
+        open_regular(holes)
+    with open_regular(written) as file:
+        assert file.tell() == 0

@@ -1,14 +1,106 @@
-"""Atomically written files and folders, and locks between processes."""
+"""Files that may be anybody's, atomically written files and folders, and locks between processes."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from filelock import FileLock, Timeout
+
+LARGEST_DOCUMENT = 16_000_000
+"""Bytes of a text that is read in one piece: JSON, metadata, source code."""
+SMALLEST_CHECKED = 64_000_000
+"""Bytes from which on a file with holes is looked at: reading less takes no time worth saving."""
+MOST_HOLES = 0.9
+"""Share of a large file that may be holes, which cost its sender nothing."""
+MOST_EXTENTS = 10_000
+"""Parts of a file that are looked at for holes."""
+_KINDS = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFDIR: "a folder",
+}
+
+
+class RefusedFile(OSError):
+    """A file of others that is not read; the text, also in `strerror`, says why and does not name it."""
+
+    def __init__(self, message: str, path: Path | None = None) -> None:
+        super().__init__(message)
+        self.strerror, self.filename = message, path and str(path)
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
+def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
+    """Open a file of others for reading. It never waits, whatever is at the path.
+
+    Args:
+        path: The file, or a link to it.
+        limit: Largest number of bytes, or None for any.
+
+    Raises:
+        RefusedFile: It is no regular file (a named pipe, a device, a folder), too large, or large
+            and of holes.
+        OSError: It cannot be read.
+    """
+    _check_regular(path.stat().st_mode, path)  # before it is opened: opening a device may do something
+    opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
+    file = os.fdopen(opened, "rb")
+    try:
+        state = os.fstat(opened)
+        _check_regular(state.st_mode, path)
+        if limit is not None and state.st_size > limit:
+            raise _too_large(path, limit)
+        if state.st_size > SMALLEST_CHECKED and _stored(opened, state.st_size) < (1 - MOST_HOLES) * state.st_size:
+            raise RefusedFile(f"expected a file, got {state.st_size:,} bytes of holes", path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def read_regular(path: Path, limit: int = LARGEST_DOCUMENT) -> bytes:
+    """Return the content of a file of others. Raises OSError as `open_regular` does, also if it grows meanwhile."""
+    with open_regular(path, limit) as file:
+        content = file.read(limit + 1)
+    if len(content) > limit:
+        raise _too_large(path, limit)
+    return content
+
+
+def _check_regular(mode: int, path: Path) -> None:
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "something else")
+        raise RefusedFile(f"expected a regular file, got {kind}", path)
+
+
+def _too_large(path: Path, limit: int) -> RefusedFile:
+    return RefusedFile(f"expected at most {limit:,} bytes, got more", path)
+
+
+def _stored(file: int, size: int) -> int:
+    """Bytes of an open file that are no holes; the rest counts in full after many parts, or if nobody knows."""
+    stored = start = 0
+    try:
+        for _ in range(MOST_EXTENTS):
+            start = os.lseek(file, start, os.SEEK_DATA)
+            end = os.lseek(file, start, os.SEEK_HOLE)
+            stored, start = stored + end - start, end
+    except OSError as error:
+        start = size if error.errno == errno.ENXIO else start  # ENXIO: no data follows
+    finally:
+        os.lseek(file, 0, os.SEEK_SET)
+    return stored + size - start
 
 
 @contextlib.contextmanager
