@@ -1,6 +1,6 @@
 """Conditions as text, wherever one is given: in suites, on the command line and in Python.
 
-A condition is shown as `noise@2`, and a combination as `noise@2+table@3.5`; `noise:2` says the same.
+A condition is `noise@2`, and a combination `noise@2+table@3.5`, wherever one is shown or given.
 """
 
 from __future__ import annotations
@@ -16,13 +16,19 @@ from robogauntlet.support.errors import BadInput
 EXPECTED = "clean, AXIS or AXIS@SEVERITY[,SEVERITY], such as noise@2,4 or noise@2+table@3.5"
 SMALLEST = 0.01
 """The smallest severity, and the unit in which they are kept."""
-_PARTS = re.compile(r"(?P<axis>[^@:]*)(?P<sign>[@:]?)(?P<severities>.*)", re.DOTALL)
+_OTHER_SIGN = re.compile(r"(?<=[a-z*])[:=](?=[0-9*?])")
 _SEVERITY = re.compile(r"[0-9]{1,9}([.][0-9]{1,9})?")
 
 
 def split_condition(text: str) -> tuple[str, str | None]:
-    """Return the axis and what follows its sign `@` or `:`, unread; None without a sign."""
-    axis, sign, severities = _PARTS.fullmatch(text).groups()  # type: ignore[union-attr] # every text matches
+    """Return the axis and what follows the sign `@`, unread; None without the sign.
+
+    Raises:
+        ValueError: The sign is another, as in `noise:2`; the message has the text to write.
+    """
+    if _OTHER_SIGN.search(text):
+        raise ValueError(f"expected {_OTHER_SIGN.sub(AT, text)}{_got(text)}")
+    axis, sign, severities = text.partition(AT)
     return axis, severities if sign else None
 
 
@@ -34,30 +40,34 @@ def read_severities(text: str) -> tuple[str, tuple[float, ...] | None]:
     Raises:
         ValueError: The text after the sign is no list of severities, or an axis is named twice.
     """
+    axis, listed = split_condition(text)
     if AND in text:
         parts = [read_severities(part) for part in text.split(AND)]
         given = [Perturbation(axis, severities[0]) for axis, severities in parts if severities and len(severities) == 1]
-        if len(given) < len(parts) or not all(is_severity(one.severity) for one in given):
-            raise ValueError(f"expected {EXPECTED}, got '{text}'")
+        if len(given) < len(parts) or not all(one.severity for one in given):
+            raise ValueError(f"expected {EXPECTED}{_got(text)}")
         combined = Condition.of(*given)
         return combined.axis, (combined.severity,)
-    axis, listed = split_condition(text)
     if listed is None:
         return axis, None
     severities = listed.split(",")
     if not axis or not all(map(_SEVERITY.fullmatch, severities)):
-        raise ValueError(f"expected {EXPECTED}, got '{text}'")
-    return axis, tuple(map(read_number, severities))
+        raise ValueError(f"expected {EXPECTED}{_got(text)}")
+    return axis, tuple(in_hundredths(float(severity)) for severity in severities)
 
 
-def is_severity(value: float) -> bool:
-    """Whether a severity is at least `SMALLEST`."""
-    return round(value, 2) > 0
+def in_hundredths(value: float) -> float:
+    """Return a severity, or 0, as an integer if it is whole, so that equal severities are written alike.
 
-
-def read_number(text: str) -> float:
-    """Return a number, as an integer if it is whole, so that equal severities are written alike."""
-    return int(text) if "." not in text else int(float(text)) if float(text).is_integer() else float(text)
+    Raises:
+        ValueError: It is below `SMALLEST`, or no multiple of it.
+    """
+    rounded = round(value, 2)
+    if value and not rounded > 0:
+        raise ValueError(f"expected a severity from {SMALLEST}, got {value:g}")
+    if rounded != value:
+        raise ValueError(f"expected a severity in hundredths, such as {rounded:g}, got {value:.9g}")
+    return int(value) if value % 1 == 0 else value
 
 
 def read_condition(text: str) -> Condition:
@@ -73,10 +83,6 @@ def read_condition(text: str) -> Condition:
     axis, severities = read_axis(text)
     if len(severities) != 1 and axis in AXES:
         raise BadInput(f"condition '{text}': expected one severity, such as {axis}@2, got {len(severities)}")
-    if severities[0] and not is_severity(severities[0]):
-        raise BadInput(
-            f"condition '{text}': expected a severity from {SMALLEST} to {_levels(axis)}, got {severities[0]:g}"
-        )
     condition = condition_of(axis, severities[0])
     for part in condition.perturbations or (Perturbation(axis, severities[0]),):
         if part.axis not in AXES:
@@ -94,7 +100,7 @@ def read_condition(text: str) -> Condition:
 
 
 def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequence[str]) -> Condition:
-    """Return a condition with some axes at other severities (`AXIS=SEVERITY`) and some left out (`AXIS`).
+    """Return a condition with some axes at other severities (`AXIS@SEVERITY`) and some left out (`AXIS`).
 
     Raises:
         BadInput: There is no such axis or severity, axes do not combine, one to be left out is not there, or nothing
@@ -109,12 +115,13 @@ def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequ
             raise BadInput(f"--without {axis}: the episode is under {condition}{did_you_mean(axis, severities)}")
         del severities[axis]
     for text in given:
-        axis, sign, severity = text.partition("=")
-        if not sign or not _SEVERITY.fullmatch(severity):
-            raise BadInput(f"--with {text}: expected AXIS=SEVERITY, such as illuminance=3")
-        severities[axis] = read_number(severity)
-        if not is_severity(severities[axis]):
-            raise BadInput(f"--with {text}: expected a severity from 0.01 to 5, got {severity}")
+        try:
+            changed = read_condition(text).perturbations
+        except BadInput as error:
+            raise BadInput(f"--with {text}: {str(error).partition(': ')[2]}") from None
+        if AND in text or not changed:
+            raise BadInput(f"--with {text}: expected AXIS@SEVERITY, such as illuminance@3")
+        severities[changed[0].axis] = changed[0].severity
     text = AND.join(f"{axis}{AT}{severity:g}" for axis, severity in severities.items())
     found = read_condition(text) if text else Condition()
     if found == condition:
@@ -123,10 +130,10 @@ def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequ
 
 
 def change_text(before: Condition, after: Condition) -> str:
-    """Return what differs between two conditions, `without table, illuminance 3`."""
+    """Return what differs between two conditions, `without table, illuminance@3`."""
     old, new = ({part.axis: part.severity for part in one.perturbations} for one in (before, after))
     lost = [f"without {axis}" for axis in old if axis not in new]
-    return ", ".join([*lost, *(f"{axis} {new[axis]:g}" for axis in new if old.get(axis) != new[axis])])
+    return ", ".join([*lost, *(f"{axis}{AT}{new[axis]:g}" for axis in new if old.get(axis) != new[axis])])
 
 
 def condition_of(axis: str, severity: float) -> Condition:
@@ -144,22 +151,32 @@ def read_axis(text: str) -> tuple[str, tuple[float, ...]]:
     try:
         axis, severities = read_severities(text)
     except ValueError as error:
-        twice = str(error) if "twice" in str(error) else f"expected {EXPECTED}"
-        raise BadInput(f"condition '{text}': {twice}") from None
+        raise BadInput(f"condition '{text}': {str(error).removesuffix(_got(text))}") from None
     return axis, tuple(range(1, _levels(axis) + 1)) if severities is None else severities
 
 
 def condition_patterns(text: str) -> list[str]:
-    """Return patterns of what `str(Condition)` gives: `noise:2,4` as `noise@2` and `noise@4`, `noise` as `noise@?`."""
+    """Return patterns of what `str(Condition)` gives: `noise@2,4` as `noise@2` and `noise@4`, `noise` as `noise@?`.
+
+    Raises:
+        BadInput: A combination is none, or the sign is another than `@`.
+    """
     if AND in text:
         axis, severities = read_axis(text)
         return [str(condition_of(axis, severities[0]))]
-    axis, listed = split_condition(text)
+    try:
+        axis, listed = split_condition(text)
+    except ValueError as error:
+        raise BadInput(f"condition '{text}': {str(error).removesuffix(_got(text))}") from None
     if axis in CONTROLS:
         return [axis]
     if listed is None:
         return [f"{axis}@?"] if axis in AXES else [axis]
     return [f"{axis}@{severity}" for severity in listed.split(",")]
+
+
+def _got(text: str) -> str:
+    return f", got '{text}'"
 
 
 def _levels(axis: str) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, model_validator
 
 from robogauntlet.suites.axes import AXES, SEVERITIES, why_exclusive
-from robogauntlet.suites.conditions import is_severity
+from robogauntlet.suites.conditions import in_hundredths
 from robogauntlet.suites.episode import AND, AT, Condition, Perturbation
 from robogauntlet.suites.ranges import MAX_ENTRIES, Text
 
@@ -19,13 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def _in_hundredths(value: float) -> float:
-    if value and not is_severity(value):
-        raise ValueError(f"expected a severity from 0.01, got {value:g}")
-    return int(value) if value % 1 == 0 else value
-
-
-Severity = Annotated[float, Field(strict=True), AfterValidator(_in_hundredths), PlainSerializer(lambda value: value)]
+Severity = Annotated[float, Field(strict=True), AfterValidator(in_hundredths), PlainSerializer(lambda value: value)]
 """A severity; whole ones are integers, so that they are written alike."""
 DEFAULT_SEVERITIES = tuple(range(1, SEVERITIES + 1))
 LISTED = ("one-at-a-time", "grid")

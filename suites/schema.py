@@ -137,7 +137,7 @@ def _combination(value: dict[Any, Any]) -> str:
     for axis, severity in value.items():
         if isinstance(severity, bool) or not isinstance(severity, int | float) or not 0.01 <= severity <= 5:
             raise ValueError(f"expected a severity above 0 and up to 5 for '{axis}', got {severity!r}")
-    return "+".join(f"{axis}@{severity:f}" for axis, severity in value.items())
+    return "+".join(f"{axis}@{severity:.9f}" for axis, severity in value.items())
 
 
 class Seeds(_Model):

@@ -31,7 +31,7 @@ def replay_episode(
     folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
     given: Annotated[
         list[str] | None,
-        typer.Option("--with", metavar="AXIS=SEVERITY", help="Play it also with this axis. May be repeated."),
+        typer.Option("--with", metavar="AXIS@SEVERITY", help="Play it also with this axis. May be repeated."),
     ] = None,
     left_out: Annotated[
         list[str] | None, typer.Option("--without", metavar="AXIS", help="Play it also without this axis of its own.")

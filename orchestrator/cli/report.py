@@ -79,12 +79,12 @@ def _find(wanted: str | None, conditions: Sequence[Condition]) -> Condition:
     """Return the wanted one of a run's conditions, by default the first. Raises BadInput."""
     if wanted is None:
         return conditions[0] if conditions else Condition()
-    axis, severity = split_condition(wanted)
     spelled = condition_patterns(wanted)
+    axis, severity = split_condition(wanted)
     found = [one for one in conditions if str(one) in spelled or (severity is None and one.axis == axis)]
     if len(found) == 1:
         return found[0]
     names = [str(one) for one in found or conditions]
     if found:
         raise BadInput(f"--condition: expected one severity of {axis}, got '{wanted}'; the run has {', '.join(names)}")
-    raise BadInput(f"--condition: the run has no condition '{wanted}'{did_you_mean(wanted.replace(':', '@'), names)}")
+    raise BadInput(f"--condition: the run has no condition '{wanted}'{did_you_mean(wanted, names)}")

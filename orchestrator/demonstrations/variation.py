@@ -35,7 +35,10 @@ class Variation:
         """Read axes, each `AXIS` or `AXIS@SEVERITY`. Raises BadInput for one that cannot be varied."""
         highest: dict[str, float] = {}
         for text in texts:
-            axis, severity = split_condition(text)
+            try:
+                axis, severity = split_condition(text)
+            except ValueError as error:
+                raise BadInput(f"--vary {text}: {error}") from None
             if what := NOT_VARIED.get(axis):
                 raise BadInput(f"--vary {text}: expected an axis to be varied, '{axis}' is {what}")
             (part,) = _parts(text if severity is not None else f"{axis}{AT}{DEFAULT_SEVERITY}", text)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.conditions import (
     changed_condition,
@@ -14,6 +15,7 @@ from robogauntlet.suites.conditions import (
     read_condition,
     read_severities,
 )
+from robogauntlet.suites.designs import DesignEntry
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition, Episode, Perturbation, Protocol
 from robogauntlet.suites.schema import ConditionEntry
 from robogauntlet.support.errors import BadInput
@@ -30,18 +32,46 @@ def test_what_tables_show_can_be_given(condition):
     assert condition_patterns(str(condition)) == [str(condition)]
 
 
-@pytest.mark.parametrize("sign", "@:")
-def test_both_signs_say_the_same(sign):
-    assert read_condition(f"noise{sign}2") == Condition("noise", 2)
-    assert read_axis(f"noise{sign}2,4") == ("noise", (2, 4))
-    assert ConditionEntry.model_validate(f"noise{sign}2,4") == ConditionEntry(axis="noise", severities=(2, 4))
-    assert condition_patterns(f"noise{sign}2,4") == ["noise@2", "noise@4"]
-    assert condition_patterns(f"noise{sign}*") == ["noise@*"]
+def test_severities_follow_the_sign():
+    assert read_condition("noise@2") == Condition("noise", 2)
+    assert read_axis("noise@2,4") == ("noise", (2, 4))
+    assert ConditionEntry.model_validate("noise@2,4") == ConditionEntry(axis="noise", severities=(2, 4))
+    assert condition_patterns("noise@2,4") == ["noise@2", "noise@4"]
+    assert condition_patterns("noise@*") == ["noise@*"]
+
+
+@pytest.mark.parametrize(
+    ("text", "written"), [("noise:2", "noise@2"), ("noise=2.5", "noise@2.5"), ("noise:2+table=3", "noise@2+table@3")]
+)
+def test_another_sign_is_refused_with_the_text_to_write(text, written):
+    with pytest.raises(ValueError, match=re.escape(f"expected {written}, got '{text}'")):
+        ConditionEntry.model_validate(text)
+    refused = re.escape(f"{text}': expected {written}") + "$"
+    with one_line_error(BadInput, refused):
+        read_condition(text)
+    with one_line_error(BadInput, refused):
+        condition_patterns(text)
+    with one_line_error(BadInput, re.escape(f"--with {text}: expected {written}") + "$"):
+        changed_condition(Condition(), [text], [])
+    with one_line_error(BadInput, re.escape(f"--vary {text}: expected {written}, got")):
+        Variation.read([text])
+
+
+@pytest.mark.parametrize("severity", [1.005, 4.996, 1.001])
+def test_severities_between_hundredths_are_not_rounded(severity):
+    expected = re.escape(f"expected a severity in hundredths, such as {round(severity, 2):g}, got {severity}")
+    for entry in (f"noise@{severity}", {"axis": "noise", "severities": [severity]}, {"noise": severity, "table": 1}):
+        with pytest.raises(ValueError, match=expected):
+            ConditionEntry.model_validate(entry)
+    with pytest.raises(ValueError, match=expected):
+        DesignEntry.model_validate({"kind": "grid", "axes": ["noise"], "severities": [severity]})
+    with one_line_error(BadInput, expected):
+        read_condition(f"noise@{severity}")
 
 
 def test_a_combination_has_one_spelling():
     condition = Condition("camera-orbit@2+illuminance@3.5", 1)
-    assert read_condition("illuminance:3.50+camera-orbit@2.0") == condition
+    assert read_condition("illuminance@3.50+camera-orbit@2.0") == condition
     assert ConditionEntry.model_validate({"illuminance": 3.5, "camera-orbit": 2}).conditions() == [condition]
     assert read_condition("noise@2.0") == Condition("noise", 2)
     assert read_condition("noise@2.5") == Condition("noise@2.5", 1)
@@ -89,22 +119,24 @@ def test_combinations_that_cannot_be_are_refused(text, message):
 
 def test_one_axis_of_a_condition_is_changed_added_or_left_out():
     condition = Condition.of(Perturbation("noise", 2), Perturbation("table", 1.5))
-    assert str(changed_condition(condition, ["noise=3"], [])) == "noise@3+table@1.5"
-    assert str(changed_condition(condition, ["blur=0.5"], ["table"])) == "blur@0.5+noise@2"
+    assert str(changed_condition(condition, ["noise@3"], [])) == "noise@3+table@1.5"
+    assert str(changed_condition(condition, ["blur@0.5"], ["table"])) == "blur@0.5+noise@2"
     assert changed_condition(condition, [], ["noise", "table"]) == Condition()
-    assert changed_condition(Condition(), ["noise=2"], []) == Condition("noise", 2)
+    assert changed_condition(Condition(), ["noise@2"], []) == Condition("noise", 2)
 
 
 @pytest.mark.parametrize(
     ("given", "left_out", "message"),
     [
-        (["noise"], [], "--with noise: expected AXIS=SEVERITY, such as illuminance=3"),
-        (["noise=x"], [], "--with noise=x: expected AXIS=SEVERITY"),
-        (["noise=9"], [], "expected a severity from 0.01 to 5, got 9"),
-        (["nois=2"], [], "unknown axis 'nois'; did you mean 'noise'?"),
-        (["blind=1"], [], "the control 'blind' does not combine with others"),
+        (["noise"], [], "--with noise: expected one severity, such as noise@2, got 5"),
+        (["noise@x"], [], "--with noise@x: expected clean, AXIS or AXIS@SEVERITY"),
+        (["clean"], [], "--with clean: expected AXIS@SEVERITY, such as illuminance@3"),
+        (["noise@1+table@1"], [], "--with noise@1+table@1: expected AXIS@SEVERITY"),
+        (["noise@9"], [], "expected a severity from 0.01 to 5, got 9"),
+        (["nois@2"], [], "unknown axis 'nois'; did you mean 'noise'?"),
+        (["blind@1"], [], "the control 'blind' does not combine with others"),
         ([], ["table"], "--without table: the episode is under noise@2"),
-        (["noise=2"], [], "the episode is under noise@2 already; name another axis or severity"),
+        (["noise@2"], [], "the episode is under noise@2 already; name another axis or severity"),
     ],
 )
 def test_changes_that_cannot_be_are_refused(given, left_out, message):
@@ -120,7 +152,7 @@ def test_an_axis_alone_has_all_its_severities():
 
 
 @pytest.mark.parametrize(
-    "text", ["noise@", "noise@x", "noise@2,", "noise@2@4", "noise:-1", "@2", "noise@2.", "noise@²", "noise@1+table"]
+    "text", ["noise@", "noise@x", "noise@2,", "noise@2@4", "noise@-1", "@2", "noise@2.", "noise@²", "noise@1+table"]
 )
 def test_other_texts_are_refused(text):
     with pytest.raises(ValueError, match="AXIS@SEVERITY"):

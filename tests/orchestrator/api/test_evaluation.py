@@ -55,7 +55,7 @@ def play(ray_here):
 def drifted(ray_here, tmp_path_factory):
     """A run of `drift`, clean and with noise."""
     return robogauntlet.evaluate(
-        drift, TASK, 4, conditions="noise:2", image_size=16, quiet=True, out=tmp_path_factory.mktemp("drift") / "run"
+        drift, TASK, 4, conditions="noise@2", image_size=16, quiet=True, out=tmp_path_factory.mktemp("drift") / "run"
     )
 
 
@@ -89,7 +89,7 @@ def test_a_run_is_a_table_and_shows_itself(drifted):
 
 @pytest.mark.ray
 def test_runs_of_two_policies_are_compared(drifted, play):
-    comparison = drifted.compare("drift", "zero", other=play("zero", conditions="noise:2"))
+    comparison = drifted.compare("drift", "zero", other=play("zero", conditions="noise@2"))
     assert "drift" in str(comparison)
 
 
@@ -120,7 +120,7 @@ def test_the_state_of_an_object_or_of_its_class_does_not_pass_from_episode_to_ep
 
 @pytest.mark.ray
 def test_the_same_function_continues_its_run(drifted, play, capsys):
-    run = play(drift, conditions="noise:2", out=drifted.folder, quiet=False)
+    run = play(drift, conditions="noise@2", out=drifted.folder, quiet=False)
     assert "continuing: 8 of 8 episodes already done" in capsys.readouterr().out
     assert len(run.episodes()) == 8
 

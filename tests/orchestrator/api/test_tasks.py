@@ -99,10 +99,10 @@ class Looking:
     ("task", "condition"),
     [
         ("null/Reach", "clean"),
-        ("null/Reach", "noise:3"),
+        ("null/Reach", "noise@3"),
         *(
             pytest.param("pybullet/PandaPush-v3", condition, marks=pytest.mark.simulator)
-            for condition in ("illuminance:4", "robot-start:2", "instruction:1")
+            for condition in ("illuminance@4", "robot-start@2", "instruction@1")
         ),
     ],
 )
@@ -153,12 +153,12 @@ def test_a_step_needs_a_reset():
         ({"image_size": 8}, BadInput, "image_size: expected 16 to 1024, got 8"),
         ({"render_profile": "quick"}, BadInput, "render_profile: unknown 'quick'"),
         ({"horizon": 0}, BadInput, "horizon: expected 1 or more, got 0"),
-        ({"condition": "nose:2"}, BadInput, "condition 'nose:2': unknown axis 'nose'; did you mean 'noise'?"),
+        ({"condition": "nose@2"}, BadInput, "condition 'nose@2': unknown axis 'nose'; did you mean 'noise'?"),
         ({"condition": "noise"}, BadInput, "condition 'noise': expected one severity, such as noise@2, got 5"),
-        ({"condition": "noise:2,4"}, BadInput, "expected one severity, such as noise@2, got 2"),
-        ({"condition": "noise:9"}, BadInput, "condition 'noise:9': expected a severity from 0.01 to 5, got 9"),
-        ({"condition": "noise:two"}, BadInput, "condition 'noise:two': expected clean, AXIS or AXIS@SEVERITY"),
-        ({"condition": "illuminance:2"}, BadInput, "condition 'illuminance:2': unsupported in null/Reach: "),
+        ({"condition": "noise@2,4"}, BadInput, "expected one severity, such as noise@2, got 2"),
+        ({"condition": "noise@9"}, BadInput, "condition 'noise@9': expected a severity from 0.01 to 5, got 9"),
+        ({"condition": "noise@two"}, BadInput, "condition 'noise@two': expected clean, AXIS or AXIS@SEVERITY"),
+        ({"condition": "illuminance@2"}, BadInput, "condition 'illuminance@2': unsupported in null/Reach: "),
     ],
 )
 def test_a_mistake_is_one_line(options, error, match):

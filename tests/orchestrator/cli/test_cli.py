@@ -184,7 +184,7 @@ def test_an_episode_is_replayed_by_the_beginning_of_its_id_and_recorded(run_comm
 @pytest.mark.ray
 def test_an_episode_is_replayed_with_another_condition_beside_the_original(run_command, small_run):
     _, folder, _ = small_run
-    changes = ("--with", "action-delay=2.5", "--with", "action-noise=1")
+    changes = ("--with", "action-delay@2.5", "--with", "action-noise@1")
     printed = run_command("replay", episode_of_oracle(folder, 3), "--run", folder, *changes).out
     assert "null/Reach, oracle, seed 3, clean: success after " in printed
     assert "null/Reach, oracle, seed 3, action-delay@2.5+action-noise@1: " in printed
@@ -195,7 +195,7 @@ def test_an_episode_is_replayed_with_another_condition_beside_the_original(run_c
 @pytest.mark.ray
 def test_a_condition_that_the_task_of_an_episode_cannot_have_is_one_line(run_command, small_run):
     _, folder, _ = small_run
-    done = run_command("replay", episode_of_oracle(folder, 3), "--run", folder, "--with", "camera-orbit=2")
+    done = run_command("replay", episode_of_oracle(folder, 3), "--run", folder, "--with", "camera-orbit@2")
     assert done.code == EXIT_BAD_INPUT
     assert "null/Reach cannot have camera-orbit@2: null simulator (no physics) does not let its cameras" in done.err
 

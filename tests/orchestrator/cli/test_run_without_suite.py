@@ -45,10 +45,10 @@ def own(folder):
         ((*OWN, "--task", "pybullet/Foo*"), "unknown task 'pybullet/Foo*'; did you mean 'pybullet/Panda"),
         ((*OWN, "--task", "nul/*"), "unknown simulator 'nul' in 'nul/*'"),
         ((*OWN, "--task", "Reach"), "expected simulator/task, got 'Reach'"),
-        ((*OWN, *TASK, "--condition", "noize:2"), "unknown condition 'noize'; did you mean 'noise'?"),
-        ((*OWN, *TASK, "--condition", "noise:6"), "expected a value less than or equal to 5, found 6"),
-        ((*OWN, *TASK, "--condition", "noise:0"), "expected severities above 0 for 'noise'"),
-        ((*OWN, *TASK, "--condition", "noise:two"), "condition 'noise:two': expected clean, AXIS or AXIS@SEVERITY"),
+        ((*OWN, *TASK, "--condition", "noize@2"), "unknown condition 'noize'; did you mean 'noise'?"),
+        ((*OWN, *TASK, "--condition", "noise@6"), "expected a value less than or equal to 5, found 6"),
+        ((*OWN, *TASK, "--condition", "noise@0"), "expected severities above 0 for 'noise'"),
+        ((*OWN, *TASK, "--condition", "noise@two"), "condition 'noise@two': expected clean, AXIS or AXIS@SEVERITY"),
         (("--policy", "orcale", *TASK), "a kind of policy; got 'orcale'; did you mean 'oracle'?"),
         (("--policy", "python:mine:atc", *TASK), "mine has no 'atc'; did you mean 'act'?"),
         (("--policy", "python:none:act", *TASK), "expected a module 'none'"),
@@ -95,7 +95,7 @@ def test_a_suite_that_needs_a_policy_is_valid_and_is_planned_with_one(run_comman
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folder, own):
-    line = ("run", "null/Reach", *own, "--seeds", "2", "--condition", "noise:2,4", "--out", "run", "--no-media")
+    line = ("run", "null/Reach", *own, "--seeds", "2", "--condition", "noise@2,4", "--out", "run", "--no-media")
     first = run_command(*line)
     assert (first.code, first.err) == (0, "")
     assert "null-Reach: 6 episodes into run" in first.out

@@ -114,5 +114,5 @@ def test_videos_side_by_side_are_titled_with_the_kind_of_failure():
     failed = row(dark, 0, "failure", failure="dropped")
     assert titles(clean.condition, row(clean, 0), failed) == [
         "as stored: success",
-        "illuminance 3: failure: dropped",
+        "illuminance@3: failure: dropped",
     ]

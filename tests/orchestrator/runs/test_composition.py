@@ -31,7 +31,7 @@ def test_the_suite_is_clean_with_twenty_seeds_by_default():
     ("conditions", "expected"),
     [
         (["clean"], ["clean"]),
-        (["noise:2,4", "clean"], ["clean", "noise@2", "noise@4"]),
+        (["noise@2,4", "clean"], ["clean", "noise@2", "noise@4"]),
         (["noise@2,4"], ["clean", "noise@2", "noise@4"]),
         (["noise"], ["clean", *(f"noise@{number + 1}" for number in range(len(AXES["noise"].levels)))]),
         (["again"], ["clean", "again"]),
