@@ -209,7 +209,7 @@ class StepOutcome:
     success: bool
     """Whether the task's predicate holds now; `rollout` decides whether it has held for long enough."""
     terminated: bool = False
-    """The simulation cannot be stepped further."""
+    """The episode has ended: nobody steps the simulation further before a reset. `success` is then how it ended."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,8 +115,6 @@ class EnvironmentMapping(_Strict):
     success: Expression
     goal: MappedGoal | None = None
     """What has to be achieved, from which progress and the kinds of failures are measured."""
-    terminates: bool = False
-    """Whether the environment cannot be stepped after `terminated`."""
     cameras: Cameras = Cameras()
 
     @model_validator(mode="after")

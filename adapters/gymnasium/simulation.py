@@ -65,17 +65,20 @@ class GymnasiumSimulation(BaseSimulation):
         self._ended: StepOutcome | None = None
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply `action` (7,) for one step. The reward is the environment's."""
+        """Apply `action` (7,) for one step. The reward is the environment's.
+
+        The episode ends where the environment says `terminated`, or `truncated` by a limit of its own, since gymnasium
+        does not say what a step after either does. It stays as it ended.
+        """
         if self._ended:
             return self._ended
         command = self._gain @ np.clip(action, self.action_spec.low, self.action_spec.high) + self._offset
-        observation, reward, terminated, _, info = self._env.step(command.astype(self._env.action_space.dtype))
+        observation, reward, terminated, truncated, info = self._env.step(command.astype(self._env.action_space.dtype))
         self._outcome = {"observation": observation, "info": info, "reward": reward, "terminated": terminated}
-        success = bool(np.all(self._value(self._mapping.success)))
-        if terminated and self._mapping.terminates:
-            self._ended = StepOutcome(0.0, success)
-            return StepOutcome(float(reward), success, terminated=not success)
-        return StepOutcome(float(reward), success)
+        success, over = bool(np.all(self._value(self._mapping.success))), bool(terminated or truncated)
+        if over:
+            self._ended = StepOutcome(0.0, success, terminated=True)
+        return StepOutcome(float(reward), success, over)
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return the state that the mapping describes, in the base frame."""

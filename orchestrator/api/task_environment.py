@@ -90,9 +90,9 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         """Apply one action, of the shape of `action_space`, for one control step.
 
         Returns:
-            The observation; the reward; whether the task has succeeded (its predicate held for five steps in a row), or
-            the simulation cannot be stepped further; whether the horizon is reached; a mapping with `success` and
-            `success_now`, whether the predicate holds now.
+            The observation; the reward; whether the task has succeeded (its predicate held for five steps in a row, or
+            when the simulation ended), or the simulation has ended otherwise; whether the horizon is reached; a mapping
+            with `success` and `success_now`, whether the predicate holds now.
 
         Raises:
             ValueError: The action has another shape, or is not finite.
@@ -111,7 +111,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         outcome = self.simulation.step(np.clip(given, spec.low, spec.high))
         self._steps += 1
         self._held = self._held + 1 if outcome.success else 0
-        success = self._held >= SUCCESS_HOLD
+        success = self._held >= SUCCESS_HOLD or bool(outcome.terminated and outcome.success)
         info = {"success": success, "success_now": bool(outcome.success)}
         over, late = success or bool(outcome.terminated), self._steps >= self.horizon
         return self._observe(), float(outcome.reward), over, late, info

@@ -150,7 +150,8 @@ def rollout(
     delivered = simulation.delivered() if isinstance(simulation, Measured) else Delivered(None)
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
-    status = Status.SUCCESS if held >= protocol.success_hold else Status.FAILURE
+    succeeded = held >= protocol.success_hold or (terminated and held > 0)  # What ends in success cannot hold longer.
+    status = Status.SUCCESS if succeeded else Status.FAILURE
     return EpisodeResult.from_episode(
         episode,
         status=str(status),
@@ -166,7 +167,7 @@ def rollout(
         **(routing_fields(routing) if routing else {}),
         delivered=None if delivered.value is None else round(delivered.value, 6),
         delivered_statistics=_statistics_text(delivered.statistics) if delivered.statistics else None,
-        **meter.columns(status, protocol.success_hold),
+        **meter.columns(status, held),
         started_at=started,
         wall_s=clock() - began,
         **seconds,

@@ -86,7 +86,8 @@ def _moved(simulation: Simulation, action: FloatArray, seed: int) -> tuple[Float
     simulation.reset(seed)
     before = simulation.privileged_state()
     for _ in range(STEPS):
-        simulation.step(action)
+        if simulation.step(action).terminated:
+            break
     after = simulation.privileged_state()
     turn = Rotation.from_quat(after["tcp_quaternion"]) * Rotation.from_quat(before["tcp_quaternion"]).inv()
     return after["tcp_position"] - before["tcp_position"], turn.as_rotvec()
@@ -159,7 +160,8 @@ def fingers(simulation: Simulation, seed: int) -> Iterator[Finding]:
         simulation.reset(seed)
         action[-1] = command
         for _ in range(GRIPPER_STEPS):
-            simulation.step(action)
+            if simulation.step(action).terminated:
+                break
         gaps.append(float(np.abs(simulation.privileged_state()["finger_positions"]).sum()))
     text = f"-1 leaves the fingers {100 * gaps[0]:.1f} cm apart, +1 leaves them {100 * gaps[1]:.1f} cm apart"
     yield Finding("fingers", Level.NOTE, text, {"open_m": gaps[0], "closed_m": gaps[1]})

@@ -14,7 +14,9 @@ from robogauntlet.adapters.gymnasium import SIMULATOR
 from robogauntlet.adapters.gymnasium import mapping as mappings
 from robogauntlet.adapters.gymnasium import simulation as adapter
 from robogauntlet.adapters.gymnasium.expressions import check_expression, value_of
-from robogauntlet.suites.episode import CAMERAS, View
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.policies.catalog import load
+from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, View
 from tests.adapters.goals import check_goal
 
 VIEW = View(CAMERAS[:1], 32)
@@ -244,12 +246,11 @@ def test_the_goal_s_marker_stays_in_its_place_from_image_to_image():
 
 
 @pytest.mark.simulator
-def test_an_environment_that_ends_stays_as_it_ended(open_mine):
-    changes = {"make": {"render_mode": "rgb_array", "length": 3}, "cameras": {}, "success": "reward > 0"}
-    simulation = open_mine({**NO_MUJOCO, **changes, "terminates": True})
-    simulation.reset(0)
-    outcomes = [simulation.step(np.full(7, 0.01)) for _ in range(6)]
-    assert [outcome.success for outcome in outcomes] == [False, False, True, True, True, True]
-    assert not any(outcome.terminated for outcome in outcomes)
-    assert (simulation.picture() == 3).all()
-    assert simulation._world.steps == 3
+def test_an_episode_ends_where_the_environment_ends_it_and_is_what_that_says_then(open_mine):
+    changes = {"make": {"render_mode": "rgb_array", "length": 3}, "cameras": {}}
+    for success, makes in (("reward > 0", {}), ("reward < 0", {}), ("reward > 0", {"make.limit": 3, "make.length": 9})):
+        simulation = open_mine({**NO_MUJOCO, **changes, "success": success, **makes})
+        row = rollout(simulation, load("zero", {}), Episode("zero", "zero", "gymnasium/Mine", 0, Protocol(50, 8)))
+        assert (row.status, row.steps) == ("success" if success == "reward > 0" and not makes else "failure", 3)
+        simulation.step(np.zeros(7))
+        assert (simulation.picture() == 3).all(), "stepped past the end"

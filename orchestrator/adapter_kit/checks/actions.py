@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
+import gymnasium
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -43,6 +45,8 @@ TURN, TURNING = 0.1, 15
 GRIPPING = 15
 """Steps after which the fingers have arrived."""
 ORACLE_SEEDS = range(2)
+ONE_WAY = 40
+"""Steps of an action in one direction, after which the arm is at the end of its reach."""
 
 
 def _lifted(subject: CheckedTask, arm: str, back: FloatArray | None = None) -> Simulation:
@@ -275,6 +279,55 @@ def start_is_no_success(subject: CheckedTask) -> Iterator[Violation]:
 
 
 @check(
+    "ends",
+    look="Simulation.step: the `terminated` and `truncated` of the environment that it steps",
+    once=True,
+)
+def ends(subject: CheckedTask) -> Iterator[Violation]:
+    """An episode ends where an environment of gymnasium, if the simulation is one, ends it."""
+    simulation = subject.reset()
+    inner = next((value for value in vars(simulation).values() if isinstance(value, gymnasium.Env)), None)
+    if inner is None:
+        raise NotApplicable("the simulation has no environment of gymnasium among its attributes")
+    step, said = inner.step, [False]
+
+    def watched(*args: Any, **kwargs: Any) -> Any:
+        answer = step(*args, **kwargs)
+        said[0] |= bool(answer[2] or answer[3])
+        return answer
+
+    vars(inner)["step"] = watched
+    try:
+        horizon = subject.description.horizon
+        for action, steps in _one_way_each(subject, horizon):
+            simulation.reset(0)
+            said[0] = False
+            for number in range(1, steps + 1):
+                outcome = simulation.step(action)
+                if said[0] and not outcome.terminated:
+                    expected = (
+                        f"`terminated` at step {number} of {np.round(action, 3).tolist()}, as the environment says"
+                    )
+                    yield Violation(expected, str(outcome))
+                    return
+                if outcome.terminated:
+                    break
+    finally:
+        del vars(inner)["step"]
+
+
+def _one_way_each(subject: CheckedTask, horizon: int) -> Iterator[tuple[FloatArray, int]]:
+    """Actions and steps that go one way: nowhere for the horizon, then up and down in each number for a while."""
+    spec, still = subject.simulation.action_spec, subject.action()
+    yield still, horizon
+    for number, bounds in enumerate(zip(spec.low, spec.high, strict=True)):
+        for bound in () if spec.names[number] in spec.ignored else bounds:
+            action = still.copy()
+            action[number] = bound
+            yield action, min(horizon, ONE_WAY)
+
+
+@check(
     "oracle", look="the success predicate, the horizon of the TaskDescription, or the task's script (policies/oracles)"
 )
 def oracle(subject: CheckedTask) -> Iterator[Violation]:
@@ -304,5 +357,6 @@ CHECKS = (
     clipped,
     unchanged,
     start_is_no_success,
+    ends,
     oracle,
 )

@@ -10,7 +10,13 @@ from enum import StrEnum
 from pathlib import Path
 
 from robogauntlet.adapters.contract import AdapterError
-from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CannotOpen, CheckedTask, Start, describe
+from robogauntlet.orchestrator.adapter_kit.checks.checked_task import (
+    CannotOpen,
+    CheckedTask,
+    EpisodeOver,
+    Start,
+    describe,
+)
 
 
 class Outcome(StrEnum):
@@ -94,6 +100,8 @@ class Check:
             return [result(Outcome.SKIPPED, seen=str(reason))]
         except CannotOpen:
             return [result(Outcome.SKIPPED, seen="the task cannot be opened, see the check 'opens'")]
+        except EpisodeOver:
+            return [result(Outcome.SKIPPED, seen="the simulation ends the episode before the check is through")]
         except AdapterError as error:
             return [result(Outcome.FAILED, self.promise, f"{type(error).__name__}: {error}", self.look)]
         except Exception as error:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from robogauntlet.adapters.contract import (
+    ACTION_NAMES,
     ARM_PREFIXES,
     GRIPPER,
     AdapterError,
@@ -17,6 +18,7 @@ from robogauntlet.adapters.contract import (
     Image,
     Simulation,
     Simulator,
+    StepOutcome,
     TaskDescription,
 )
 from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
@@ -28,10 +30,16 @@ SIZE = 96
 VIEW = View(CAMERAS, SIZE, RenderProfile.FAST)
 STEP, TURN = 0.02, 0.05
 """Scale of random actions (m, rad), where the simulation accepts as much."""
+SINGULAR = 1e-3
+"""Share of the largest translation for a radian below which an arm cannot move its tool in a direction."""
 
 
 class CannotOpen(Exception):
     """The task cannot be opened: the check `opens` reports it, the others are skipped."""
+
+
+class EpisodeOver(Exception):
+    """The simulation has ended the episode, as StepOutcome.terminated says: the check that goes on is skipped."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +98,8 @@ class CheckedTask:
         return self._outcome
 
     def open(self) -> Simulation:
-        """Open the task once more; the caller closes it."""
-        return self.simulator.open(self._short, self.view)
+        """Open the task once more; the caller closes it. A step after the end of an episode raises EpisodeOver."""
+        return _never_stepped_past_its_end(self.simulator.open(self._short, self.view))
 
     @property
     def scene_controls(self) -> SceneControls:
@@ -146,6 +154,22 @@ class CheckedTask:
         action[:-1] = state["joint_targets"] + np.linalg.pinv(state["tcp_jacobian"][:3]) @ way
         return action
 
+    def moving(self, **values: float) -> FloatArray:
+        """The same for a translation, or for one as long that the arm can make: a planar arm stays in its plane."""
+        spec, names = self.simulation.action_spec, ACTION_NAMES[:3]
+        way = np.array([values.get(name, 0.0) for name in names])
+        length = float(np.linalg.norm(way))
+        if spec.joints:
+            directions, sizes, _ = np.linalg.svd(self.simulation.privileged_state()["tcp_jacobian"][:3])
+            able = directions[:, : len(sizes)][:, sizes > SINGULAR * sizes[0]]
+            upwards = 1.0 if directions[2, 0] >= 0.0 else -1.0
+            possible, other = able @ able.T @ way, upwards * length * directions[:, 0]
+        else:
+            able = np.array([not self.ignores(name) for name in names])
+            possible, other = able * way, length * (np.arange(3) == int(able.argmax()))
+        way = possible if np.linalg.norm(possible) >= 0.5 * length else other
+        return self.action(**dict(zip(names, way.tolist(), strict=True)))
+
     def random_actions(self, seed: int, count: int) -> FloatArray:
         """Actions, one in each of `count` rows, drawn uniformly within the bounds.
 
@@ -163,6 +187,27 @@ class CheckedTask:
         """Close the task if it is open."""
         if "_outcome" in self.__dict__ and not isinstance(self._outcome, Exception):
             self._outcome.close()
+
+
+def _never_stepped_past_its_end(simulation: Simulation) -> Simulation:
+    """Return the simulation, whose `step` raises EpisodeOver between the end of an episode and the next reset."""
+    reset, step, over = simulation.reset, simulation.step, False
+
+    def reset_first(seed: int) -> None:
+        nonlocal over
+        over = False
+        reset(seed)
+
+    def step_if_not_over(action: FloatArray) -> StepOutcome:
+        nonlocal over
+        if over:
+            raise EpisodeOver
+        outcome = step(action)
+        over = getattr(outcome, "terminated", False) is True
+        return outcome
+
+    vars(simulation).update(reset=reset_first, step=step_if_not_over)
+    return simulation
 
 
 def describe(error: BaseException) -> str:

@@ -28,7 +28,7 @@ def present(subject: CheckedTask) -> Iterator[Violation]:
     before = simulation.observe()
     height, sideways = map(subject.length, (0.01, 0.02))
     for _ in range(10):
-        simulation.step(subject.action(dy=sideways, dz=height))
+        simulation.step(subject.moving(dy=sideways, dz=height))
     after = simulation.observe()
     for camera in before.images:
         moved = changed(before.images[camera], after.images[camera], by=30) > 0.0

@@ -42,7 +42,8 @@ def trace(subject: CheckedTask, seed: int, *, observe: bool = False) -> Trace:
     for number, action in enumerate(subject.random_actions(seed, STEPS)):
         if observe and number % OBSERVE_EVERY == 0:
             observations.append(digest(simulation.observe()))
-        simulation.step(action)
+        if simulation.step(action).terminated:
+            break
     state = simulation.privileged_state()
     exact_end = b"".join(np.asarray(state[name], np.float64).tobytes() for name in sorted(state)).hex()
     return Trace(start, simulation.state_hash(), exact_end, tuple(observations))
@@ -119,8 +120,8 @@ def two_at_once(subject: CheckedTask) -> Iterator[Violation]:
         other.reset(1)
         simulation = subject.reset(0)
         for mine, theirs in zip(subject.random_actions(0, STEPS), subject.random_actions(7, STEPS), strict=True):
-            simulation.step(mine)
-            other.step(theirs)
+            if simulation.step(mine).terminated or other.step(theirs).terminated:
+                break
         end = simulation.state_hash()
         yield from expect(end == alone.end, "the same end beside another simulation", f"{alone.end}, then {end}")
     after = trace(subject, 0)

@@ -249,7 +249,7 @@ def state_hash(subject: CheckedTask) -> Iterator[Violation]:
     again = simulation.state_hash()
     yield from expect(again == before, "the same hash while nothing happens", f"{before}, then {again}")
     for _ in range(4):
-        simulation.step(subject.action(dz=subject.length(0.1)))
+        simulation.step(subject.moving(dz=subject.length(0.1)))
     moved = simulation.state_hash() != before
     yield from expect(moved, "another hash after the tool has moved", f"{before} again")
 

@@ -38,16 +38,16 @@ class WithJoints(Variant):
 
     def step(self, action):
         spec = self.action_spec
-        target = action[:3] if self.beyond else np.clip(action, spec.low, spec.high)[:3]
+        target = (action if self.beyond else np.clip(action, spec.low, spec.high))[:-1]
         before = self.targets
         self.targets = before + np.clip(target - before, -self.step_taken, self.step_taken)
         change = self.targets[np.array(self.order)] * self.unit - self.angles
-        self._world.step(METRES * change, np.zeros(3), closing=action[3] > 0.0)
+        self._world.step(METRES * np.resize([*change, 0.0], 3), np.zeros(3), closing=action[-1] > 0.0)
         return StepOutcome(reward=0.0, success=False)
 
     @property
     def angles(self):
-        return self._world.tool / METRES
+        return self._world.tool[: len(self.order)] / METRES
 
     def reset(self, seed):
         super().reset(seed)
@@ -57,8 +57,7 @@ class WithJoints(Variant):
         return ToysimSimulation.observe(self)
 
     def privileged_state(self):
-        jacobian = np.zeros((6, 3))
-        jacobian[:3] = self.jacobian * np.eye(3)
+        jacobian = self.jacobian * np.eye(6, len(self.order))
         opened = 1.0 - 2.0 * self._world.fingers[:1] / 0.04
         own = {"joint_angles": self.angles, "joint_targets": self.targets, "gripper": opened, "tcp_jacobian": jacobian}
         return dict(super().privileged_state()) | own
@@ -66,6 +65,16 @@ class WithJoints(Variant):
 
 class JointsAreCorrect(WithJoints):
     pass
+
+
+class Planar(WithJoints, joints=JOINTS[:2]):
+    """Correct; its tool stays at a height."""
+
+    order = (0, 1)
+
+    def __init__(self, view):
+        super().__init__(view)
+        self.action_spec = replace(self.action_spec, joints=self.action_spec.joints[:2])
 
 
 class JointsInDegrees(WithJoints):

@@ -54,6 +54,7 @@ VIOLATIONS = [
     ("clipsinplace", "action-unchanged", "the action as it was given"),
     ("alwayssuccess", "start-is-no-success", "no success at the first step of seed 0"),
     ("neversuccess", "oracle", "success of the oracle within 60 steps from seed 0; seen: failure after 60 steps"),
+    ("playson", "ends", "`terminated` at step 5 of [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0], as the environment says"),
     ("endsathorizon", "survives", "steps beyond the horizon of 60; seen: ValueError: executing action in terminated"),
     ("mirrored", "camera-viewpoint", "they move as in an image that is mirrored"),
     (
@@ -137,6 +138,7 @@ def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, ch
         "culling": "culls",
         "motion": "moves",
         "action-joints": "jointsarecorrect",
+        "ends": "endswithit",
     }
     correct = special.get(check, "correct")
     assert {result.outcome for result in CHECKS[check].run(subject(correct))} == {Outcome.PASSED}
@@ -148,8 +150,21 @@ def test_a_correct_adapter_of_two_arms_fails_no_check_of_its_numbers(subject, ch
 
 
 @pytest.mark.parametrize("check", sorted({c.name for c in (*types.CHECKS, *actions.CHECKS)} - {"oracle"}))
-def test_a_correct_adapter_of_joints_fails_no_check_of_its_numbers(subject, check):
-    assert Outcome.FAILED not in {result.outcome for result in CHECKS[check].run(subject("jointsarecorrect"))}
+@pytest.mark.parametrize("variant", ["jointsarecorrect", "planar"])
+def test_a_correct_adapter_of_joints_fails_no_check_of_its_numbers(subject, check, variant):
+    assert Outcome.FAILED not in {result.outcome for result in CHECKS[check].run(subject(variant))}
+
+
+@pytest.mark.parametrize("check", ["state-hash", "present"])
+@pytest.mark.parametrize("variant", ["planar", "onlymovesalongx"])
+def test_the_tool_is_moved_as_the_arm_can(subject, check, variant):
+    assert {result.outcome for result in CHECKS[check].run(subject(variant))} == {Outcome.PASSED}
+
+
+def test_no_check_steps_a_simulation_past_its_end(subject):
+    for check in (check for check in CHECKS.values() if not check.name.startswith(("axis-", "memory", "seeds-new"))):
+        results = check.run(subject("endsearly"))
+        assert not [str(result) for result in results if "stepped past" in str(result)]
 
 
 def test_culling_is_not_checked_where_all_shapes_are_drawn(subject):

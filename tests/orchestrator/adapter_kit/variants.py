@@ -8,6 +8,7 @@ import threading
 import time
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 
 from robogauntlet.adapters.contract import AdapterError, Goal, Motion, SimulatorUnavailable
@@ -278,6 +279,49 @@ class EndsAtHorizon(Variant):
         if self._left < 0:
             raise ValueError("executing action in terminated episode")
         return super().step(action)
+
+
+class EndsEarly(Variant):
+    def reset(self, seed):
+        super().reset(seed)
+        self._left = 6
+
+    def step(self, action):
+        self._left -= 1
+        assert self._left >= 0, "stepped past the end"
+        return replace(super().step(action), terminated=self._left == 0)
+
+
+class PlaysOn(Variant):
+    """Wraps an environment of gymnasium that says when an episode has ended."""
+
+    heeds = False
+
+    def __init__(self, view):
+        super().__init__(view)
+        self._inner = gymnasium.make("CartPole-v1").unwrapped
+
+    def reset(self, seed):
+        super().reset(seed)
+        self._inner.reset(seed=seed)
+        self._inner.state = np.array([0.0, 0.0, 0.15, 0.0])
+
+    def step(self, action):
+        _, _, terminated, _, _ = self._inner.step(0)
+        return replace(super().step(action), terminated=terminated and self.heeds)
+
+
+class EndsWithIt(PlaysOn):
+    heeds = True
+
+
+class OnlyMovesAlongX(Variant):
+    def __init__(self, view):
+        super().__init__(view)
+        self.action_spec = replace(self.action_spec, ignored=("dy", "dz"))
+
+    def step(self, action):
+        return super().step(action * [1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
 
 
 # What is taken and not given back

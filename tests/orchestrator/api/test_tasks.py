@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 import robogauntlet
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.adapters.contract import AdapterError, StepOutcome
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec
 from robogauntlet.suites.conditions import read_condition
@@ -60,6 +60,9 @@ def test_an_episode_ends_when_the_task_has_succeeded_or_its_time_is_over():
     assert [info["success_now"] for _, _, info in steps[: held + 1]].count(True) == SUCCESS_HOLD
     assert steps[held][2]["success"]
     assert [truncated for _, truncated, _ in steps] == [False] * 59 + [True]
+    environment.reset(seed=1)
+    environment.simulation.step = lambda action: StepOutcome(1.0, success=True, terminated=True)
+    assert environment.step(np.zeros(7))[1:] == (1.0, True, False, {"success": True, "success_now": True})
     short = robogauntlet.make("null/Reach", horizon=1)
     short.reset(seed=1)
     assert short.step(np.zeros(7))[3]

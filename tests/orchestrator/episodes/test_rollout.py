@@ -114,6 +114,13 @@ def test_a_terminated_simulation_ends_the_episode_as_a_failure():
     assert (result.status, result.steps) == ("failure", 7)
 
 
+def test_a_simulation_that_terminates_in_success_ends_the_episode_as_a_success():
+    simulation = Counting(success=lambda step: step == 7, terminated=lambda step: step == 7)
+    result = rollout(simulation, Scripted(), episode())
+    assert (result.status, result.steps, simulation.stepped) == ("success", 7, 7)
+    assert result.time_to_success == pytest.approx(7 / simulation.action_spec.control_hz)
+
+
 def test_eager_rendering_affects_only_the_duration():
     policy, simulation = load("untrained", {}), Counting()
     lazy, eager = rollout(Counting(), policy, episode()), rollout(simulation, policy, episode(), eager=True)
