@@ -14,11 +14,13 @@ import numpy as np
 from robogauntlet.adapters.catalog import body_of, original
 from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
-from robogauntlet.support.errors import UserError
+from robogauntlet.support.errors import UserError, first_line
 from robogauntlet.support.text import first_of
 
 SHOWN_TASKS = 10
 """Tasks in a message."""
+MOST_SCORES, LONGEST_NAME = 1000, 200
+"""Scores of a router, and characters of the name of one: each is stored with its episode."""
 
 
 class PolicyError(UserError):
@@ -228,8 +230,13 @@ def check_routing(routing: Routing) -> Routing:
     """Return a policy's routing evidence in Python's own types, scores rounded to 1e-6 so that records compare equal.
 
     Raises:
-        PolicyMismatch: A score is NaN or infinite, the choice has no score, or the latency is negative.
+        PolicyMismatch: A score is NaN or infinite, the choice has no score, the latency is negative, or there are more
+            than `MOST_SCORES` scores, or names of more than `LONGEST_NAME` characters.
     """
+    if len(routing.scores) > MOST_SCORES:
+        raise PolicyMismatch(f"expected at most {MOST_SCORES:,} scores of the router, got {len(routing.scores):,}")
+    if (longest := max(map(len, map(str, (*routing.scores, routing.choice))))) > LONGEST_NAME:
+        raise PolicyMismatch(f"expected the router's names of at most {LONGEST_NAME} characters, got {longest:,}")
     scores = {str(name): _rounded(score, f"score of {name}") for name, score in routing.scores.items()}
     if scores and routing.choice not in scores:
         raise PolicyMismatch(f"expected the router's choice among {', '.join(sorted(scores))}; got {routing.choice}")
@@ -269,10 +276,13 @@ def chunk_of(actions: Any, numbers: int = ACTION_DIM) -> FloatArray:
     if actions is None:
         raise PolicyMismatch(f"expected an action chunk, shape (n, {numbers}); got None: a return is missing")
     try:
+        if (given := np.asarray(actions)).dtype.kind not in "biufO":
+            raise ValueError(f"its type is {given.dtype}")
         chunk = np.array(actions, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except Exception as error:  # what is converted may raise anything: torch, an integer without a limit
         raise PolicyMismatch(
-            f"expected an action chunk of numbers, shape (n, {numbers}); got {type(actions).__name__}: {error}"
+            f"expected an action chunk of numbers, shape (n, {numbers}); got {type(actions).__name__}: "
+            f"{first_line(error)}"
         ) from None
     if chunk.ndim != 2 or chunk.shape[1] != numbers or len(chunk) == 0:
         raise PolicyMismatch(f"expected an action chunk of shape (n, {numbers}) with n >= 1, got {chunk.shape}")

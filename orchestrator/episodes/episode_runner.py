@@ -31,8 +31,14 @@ class EpisodeRunner:
         sources: Mapping[str, PolicySource],
         worker: str = "local",
         remote_policies: Mapping[str, Policy] | None = None,
+        *,
+        own_process: bool = False,
     ) -> None:
-        """Create a runner. A policy is built from its source when it is first needed, unless it computes remotely."""
+        """Create a runner. A policy is built from its source when it is first needed, unless it computes remotely.
+
+        With `own_process` nobody interrupts this process from a keyboard, so that what would end it is a policy's.
+        """
+        self._own_process = own_process
         self._sources = sources
         self._worker = worker
         self._policies: dict[str, Policy] = dict(remote_policies or {})
@@ -75,7 +81,7 @@ class EpisodeRunner:
             yield replace(
                 result,
                 worker=self._worker,
-                attempts=lease.attempt,
+                attempts=lease.attempt + result.attempts - 1,
                 wait_s=wait_s,
                 build_s=self._build_s,
                 load_s=self._load_s,
@@ -87,23 +93,24 @@ class EpisodeRunner:
     ) -> EpisodeResult:
         """Play one episode in the simulation, or in what `wrap` returns for it; for `watcher` see `rollout`.
 
-        After an unexpected exception it is tried once more in a new simulation. The result is an error record if the
-        episode could not be played.
+        After an unexpected exception it is tried once more in a new simulation, which counts as an attempt. The result
+        is an error record if the episode could not be played.
         """
         started, clock = time.time(), time.perf_counter()
         error = ""
-        for _ in range(2):
+        for attempt in (1, 2):
             try:
                 policy = self._policy(episode.policy)
                 simulation = self.simulation(episode.task, episode.protocol.view)
                 check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
-                return rollout(
+                result = rollout(
                     wrap(simulation) if wrap else simulation,
                     policy,
                     episode,
                     watcher=watcher,
                     references=self._references,
                 )
+                return replace(result, attempts=attempt)
             except (AdapterError, PolicyError) as known:
                 kind = LEFT_OUT if isinstance(known, TaskUnavailable) else type(known).__name__
                 error = f"{kind}: {known}"
@@ -113,7 +120,16 @@ class EpisodeRunner:
                 error = _describe(unknown)
                 self._drop(episode)
                 self.close()
-        return EpisodeResult.failed_to_run(episode, error, started_at=started, wall_s=time.perf_counter() - clock)
+            except (SystemExit, KeyboardInterrupt) as left:
+                if not self._own_process or getattr(left, "is_ray_terminate", False):  # Ray ends its workers so
+                    raise
+                error = _describe(left)
+                self._drop(episode)
+                self.close()
+                break
+        return EpisodeResult.failed_to_run(
+            episode, error, attempts=attempt, started_at=started, wall_s=time.perf_counter() - clock
+        )
 
     def load(self, policy: str) -> None:
         """Load a policy, by its name. Raises whatever that raises; episodes that need it would report it."""
@@ -158,7 +174,7 @@ class EpisodeRunner:
                 self._policies[episode.policy].finish([episode])
 
 
-def _describe(error: Exception) -> str:
+def _describe(error: BaseException) -> str:
     """Type, message and innermost location of an exception, without anything that differs between runs."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{os.path.basename(frame.filename)}:{frame.lineno}"  # noqa: PTH119

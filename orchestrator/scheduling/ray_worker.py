@@ -36,7 +36,7 @@ class Worker:
         # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._served = served_policies(server, sources) if server else {}
-        self._runner = EpisodeRunner(sources, name, self._served)
+        self._runner = EpisodeRunner(sources, name, self._served, own_process=True)
         self._loaded: set[str] = set()
         self._job = job
         self._process = psutil.Process()

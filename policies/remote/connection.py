@@ -38,6 +38,23 @@ class _Lost(Exception):
     """The connection is lost; it may be opened again."""
 
 
+class _Redirected(Exception):
+    """The server names another address, with this HTTP status code."""
+
+
+class _DirectConnection(ClientConnection):
+    """A connection to the address that the user gave, and to no other, however a server answers."""
+
+    def handshake(self, *arguments: Any, **options: Any) -> None:
+        """Shake hands. Raises _Redirected where the library would follow to any host."""
+        try:
+            super().handshake(*arguments, **options)
+        except InvalidStatus as refused:
+            if 300 <= refused.response.status_code < 400:
+                raise _Redirected(refused.response.status_code) from None
+            raise
+
+
 class ServerConnection:
     """The connection of one process to one server."""
 
@@ -119,9 +136,15 @@ class ServerConnection:
                     ping_interval=None,
                     close_timeout=1,
                     additional_headers=self._headers(),
+                    create_connection=_DirectConnection,
                     proxy=None if is_loopback(urlsplit(options.address).hostname or "") else True,
                 )
             )
+        except _Redirected as redirect:
+            raise PolicyError(
+                f"{self._server}: expected a websocket, got HTTP {redirect}, a redirect, which is not followed; "
+                "correct the address"
+            ) from None
         except InvalidStatus as refused:
             code = refused.response.status_code
             if code not in REFUSED:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from robogauntlet.adapters.contract import TaskDescription
 from robogauntlet.orchestrator.api.served_object import ServedObject
@@ -176,6 +177,12 @@ def test_what_is_no_policy_is_one_line(target, match):
         (None, r"policy 'wrong': expected an action chunk, shape \(n, 7\); got None: a return is missing"),
         ([["up"] * 7], r"policy 'wrong': expected an action chunk of numbers"),
         ("up", r"policy 'wrong': expected an action chunk"),
+        (np.zeros((8, 7), complex), "policy 'wrong': expected an action chunk of numbers.*complex128"),
+        (np.zeros((8, 7)).astype(str), "expected an action chunk of numbers.*type is <U32"),
+        (np.array([[10**400] * 7], object), "expected an action chunk of numbers.*int too large"),
+        ([[10**400] * 7], "expected an action chunk of numbers.*int too large"),
+        ([[0.0] * 7, [0.0] * 6], "expected an action chunk of numbers.*inhomogeneous"),
+        (torch.zeros(8, 7, requires_grad=True), r"got Tensor: Can't call numpy\(\) on Tensor that requires grad"),
     ],
 )
 def test_an_answer_of_a_wrong_shape_is_one_line(answer, match):

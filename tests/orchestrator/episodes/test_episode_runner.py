@@ -70,7 +70,26 @@ def test_an_exception_of_a_simulator_becomes_an_error_row_and_the_next_episodes_
 
 def test_a_simulator_that_raises_once_is_tried_again(runner, tmp_path, monkeypatch):
     monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
-    assert [result.status for result in runner.play(lease("null/Raise", seeds=(7,)))] == ["success"]
+    (row,) = runner.play(lease("null/Raise", seeds=(7,)))
+    assert (row.status, row.attempts) == ("success", 2)
+
+
+@pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt])
+def test_a_policy_that_would_end_its_process_is_an_error_row_of_a_worker(monkeypatch, kind):
+    class Leaving(StatelessPolicy):
+        spec = PolicySpec(PolicyInput.NOTHING, 8)
+
+        def act(self, queries):
+            raise kind("enough")
+
+    leaving = PolicyKind("leaving", "", lambda options: Leaving(), lambda options: "0")
+    monkeypatch.setattr("robogauntlet.policies.catalog.kinds", lambda: {"leaving": leaving})
+    worker = EpisodeRunner({"leaving": PolicySource("leaving")}, own_process=True)
+    (row,) = worker.play(lease(policy="leaving", seeds=(0,)))
+    assert row.error.startswith(f"{kind.__name__}: enough [test_episode_runner.py:")
+    here = EpisodeRunner({"leaving": PolicySource("leaving")})
+    with pytest.raises(kind):
+        next(here.play(lease(policy="leaving", seeds=(0,))))
 
 
 def test_a_policy_that_differs_from_the_plan_is_not_played():

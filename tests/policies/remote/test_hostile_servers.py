@@ -1,6 +1,8 @@
 """A server that means harm costs its client one line, bounded memory and bounded time."""
 
 import resource
+import socket
+import threading
 import time
 
 import msgpack
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 
 from robogauntlet.policies import catalog
-from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.contract import PolicyError, Routing, check_routing
 from robogauntlet.policies.remote.msgpack_numpy import pack
 from robogauntlet.policies.remote.protocol import VERSION
 from tests.errors import one_line_error
@@ -125,3 +127,35 @@ def test_a_flood_of_unasked_messages_waits_in_the_servers_memory():
         time.sleep(1.0)
         assert len(sent) < 40
         policy.close()
+
+
+@pytest.mark.parametrize("code", [301, 302, 307, 308])
+def test_a_redirect_is_not_followed(code):
+    reached = []
+    with speaking(reached.append) as elsewhere, socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def redirect():
+            connection, _ = listening.accept()
+            with connection:
+                connection.recv(10_000)
+                connection.sendall(f"HTTP/1.1 {code} x\r\nLocation: {elsewhere}\r\nContent-Length: 0\r\n\r\n".encode())
+
+        thread = threading.Thread(target=redirect)
+        thread.start()
+        address = f"ws://127.0.0.1:{listening.getsockname()[1]}"
+        with one_line_error(PolicyError, f"got HTTP {code}, a redirect, which is not followed; correct the address"):
+            catalog.digest("openpi", {"address": address, **LIMITS})
+        thread.join()
+    assert reached == []
+
+
+@pytest.mark.parametrize(
+    ("scores", "match"),
+    [
+        ({str(n): 0.0 for n in range(1001)}, "at most 1,000 scores of the router, got 1,001"),
+        ({"x" * 201: 0.0}, "names of at most 200 characters, got 201"),
+    ],
+)
+def test_scores_of_a_router_are_bounded(scores, match):
+    with one_line_error(PolicyError, match):
+        check_routing(Routing(scores, next(iter(scores)), 0.0))
