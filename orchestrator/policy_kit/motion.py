@@ -140,9 +140,13 @@ def describe(move: Movement) -> str:
 def _shift(translation: FloatArray, least: float, per: str) -> str:
     axis = int(np.abs(translation).argmax())
     amount = float(translation[axis])
-    word = DIRECTIONS[axis][amount < 0]
-    way = f"{word} ({'+' if amount > 0 else '-'}{'xyz'[axis]})"
+    way = f"{_direction(axis, amount)} ({'+' if amount > 0 else '-'}{'xyz'[axis]})"
     return f"moves the tool {way}, {100 * abs(amount):.2g} cm{per}" if abs(amount) >= least else ""
+
+
+def _direction(axis: int, amount: float) -> str:
+    positive, negative = DIRECTIONS[axis]
+    return negative if amount < 0 else positive
 
 
 def _turn(rotation: FloatArray, least: float, per: str) -> str:
@@ -171,7 +175,7 @@ def whole(played: Play) -> Iterator[Finding]:
     """Where the tool went in an episode, and what it came closer to."""
     way = played.tool[-1] - played.tool[0]
     parts = [
-        f"{100 * abs(amount):.1f} cm {DIRECTIONS[axis][amount < 0]}"
+        f"{100 * abs(amount):.1f} cm {_direction(axis, amount)}"
         for axis, amount in enumerate(way)
         if abs(amount) >= 1e-3
     ]
