@@ -379,17 +379,17 @@ class Simulator:
     distributions: tuple[str, ...]
     """Distributions whose versions belong to the provenance of a result."""
     open: Callable[[str, View], Simulation]
-    """Opens one of `tasks`, by its name without the simulator. Imports the simulator, in the calling process. Raises
-    SimulatorUnavailable."""
+    """Imports the simulator and opens one of `tasks`, by name without the simulator. Raises SimulatorUnavailable."""
     environment: Mapping[str, str] = field(default_factory=dict)
     """Environment variables that a worker sets, unless set already, before the simulator is imported."""
     requirements: tuple[str, ...] = ()
     """Requirements that `robogauntlet env create` adds for a simulator that needs a Python environment of its own."""
     without_dependencies: tuple[str, ...] = ()
     """Further requirements, installed without their dependencies."""
+    imports: str = ""
+    """`MODULE:FUNCTION` that imports the simulator; `robogauntlet env check` calls it in its environment."""
     definitions: Mapping[str, str] = field(default_factory=dict)
-    """Task to the hash of the file that defines it, where users write such files. A task whose file has changed
-    counts as another task when runs are continued or compared."""
+    """Task to the hash of the file that defines it, where users write such files: a changed file is another task."""
     references: tuple[str, ...] = ()
     """BibTeX entries of the simulator, its tasks and its physics engine, for `robogauntlet cite`."""
     adjusts: frozenset[str] = frozenset()

@@ -49,7 +49,7 @@ def pins_by_origin() -> dict[str, list[str]]:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     return {
         "constraints.txt": [line for line in lines if line and not line.startswith("#")],
-        "policies/lerobot/policy.py": list(KIND.without_dependencies),
+        "policies/lerobot/policy.py": [pin for pin in (*KIND.requirements, *KIND.without_dependencies) if "==" in pin],
     }
 
 

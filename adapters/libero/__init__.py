@@ -37,5 +37,6 @@ SIMULATOR = Simulator(
         "future==1.0.0",
         *DISTRIBUTIONS,
     ),
+    imports="robogauntlet.adapters.libero.libero_import:import_libero",
     without_dependencies=("hf-libero==0.1.4", "robosuite==1.4.0", "bddl==1.0.1"),
 )

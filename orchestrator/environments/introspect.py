@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import sys
-from importlib import metadata, util
+from importlib import import_module, metadata, util
 
 HASHES = ("sha256", "sha384", "sha512")
 
@@ -23,6 +23,19 @@ def _file(module):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     if spec is None:
         return None
     return os.path.realpath(spec.origin) if spec.origin else ""
+
+
+def _import_problem(target):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Import a module, or call `MODULE:FUNCTION`, and return the error in one line, or None."""
+    module, _, function = target.partition(":")
+    try:
+        imported = import_module(module)
+        if function:
+            getattr(imported, function)()
+    except Exception as error:  # an import can raise anything
+        lines = str(error).strip().splitlines() or ["no message"]
+        return f"{type(error).__name__}: {lines[0]}"
+    return None
 
 
 def _differing(name):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
@@ -53,6 +66,7 @@ def _answer():  # type: ignore[no-untyped-def]  # noqa: ANN202
         "python": ".".join(map(str, sys.version_info[:3])),
         "modules": {name: _file(name) for name in request["modules"]},
         "versions": {name: _version(name) for name in request["distributions"]},
+        "imports": [problem for problem in map(_import_problem, request["imports"]) if problem is not None],
         "differing": {name: _differing(name) for name in request["compared"]},
     }
     with os.fdopen(int(sys.argv[-1]), "w") as answers:  # see robogauntlet.support.child_process

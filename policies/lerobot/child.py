@@ -13,6 +13,7 @@ import json
 import os
 import sys
 from collections.abc import Iterable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,31 +33,37 @@ def unpacked(described: list[Any]) -> np.ndarray:
     return np.frombuffer(base64.b64decode(data), dtype).reshape(shape).copy()
 
 
+def import_lerobot() -> SimpleNamespace:
+    """Import all that a checkpoint needs, and return what is called, by name."""
+    import torch
+
+    torchvision_beside_any_torch(torch)
+    from lerobot.configs.policies import PreTrainedConfig
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+
+    try:
+        from lerobot.common.control_utils import predict_action
+    except ModuleNotFoundError:  # LeRobot 0.4
+        from lerobot.utils.control_utils import predict_action
+    called = (PreTrainedConfig, get_policy_class, make_pre_post_processors, predict_action)
+    return SimpleNamespace(torch=torch, **{one.__name__: one for one in called})
+
+
 class Loaded:
     """A checkpoint as LeRobot loads it, with its own pre- and post-processing."""
 
     def __init__(self, folder: str, device: str) -> None:
-        import torch
-
-        self._torch, self._device = torch, torch.device(device)
-        torchvision_beside_any_torch(torch)
-        from lerobot.configs.policies import PreTrainedConfig
-        from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-
-        try:
-            from lerobot.common.control_utils import predict_action
-        except ModuleNotFoundError:  # LeRobot 0.4
-            from lerobot.utils.control_utils import predict_action
-
-        config = PreTrainedConfig.from_pretrained(folder)
+        names = import_lerobot()
+        self._torch, self._device = names.torch, names.torch.device(device)
+        config = names.PreTrainedConfig.from_pretrained(folder)
         config.device = device
-        self._policy = get_policy_class(config.type).from_pretrained(folder, config=config)
+        self._policy = names.get_policy_class(config.type).from_pretrained(folder, config=config)
         self._policy.eval()
         moved = {"device_processor": {"device": device}}
-        self._before, self._after = make_pre_post_processors(
+        self._before, self._after = names.make_pre_post_processors(
             config, pretrained_path=folder, preprocessor_overrides=moved
         )
-        self._predict, self._config = predict_action, config
+        self._predict, self._config = names.predict_action, config
         self._episodes: dict[str, Any] = {}
         self.actions = 1 if observes_every_step(vars(config)) else int(getattr(config, "n_action_steps", 1))
         """Number of actions in an answer."""

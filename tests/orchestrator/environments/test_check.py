@@ -116,6 +116,24 @@ def test_the_interpreter_of_a_policy_needs_its_modules_alone(theirs):
     assert found.problems == ()
 
 
+@pytest.mark.parametrize("imports", ["", "json.tool:main_of_gearbox", "gearbox_parts:all_of_them"])
+def test_what_is_installed_and_cannot_be_imported_is_reported_with_what_is_missing(theirs, imports):
+    install(theirs, "gearbox", "1.0")
+    site = theirs / "lib" / f"python{RUNNING}" / "site-packages"
+    lacking = "import httpx_of_gearbox\n"
+    if not imports:
+        (site / "gearbox.py").write_text(lacking)
+    (site / "gearbox_parts.py").write_text(f"def all_of_them():\n    {lacking}")
+    kind = PolicyKind("mine", "mine", load=None, digest=None, modules=("gearbox",), imports=imports)
+    environment = Environment("mine", EnvironmentEntry(interpreter=str(theirs / "bin" / "python")), "the suite")
+    error = "ModuleNotFoundError: No module named 'httpx_of_gearbox'"
+    if imports.startswith("json"):
+        error = "AttributeError: module 'json.tool' has no attribute 'main_of_gearbox'"
+    (problem,) = check(environment, kind, contents=True).problems
+    assert problem == f"environment mine: expected to import what mine needs, got {error}; install it there"
+    assert check(environment, kind).problems == ()  # a run imports nothing twice
+
+
 def test_missing_files_are_reported_under_pythons_that_do_not_list_them(tmp_path, monkeypatch):
     (tmp_path / "gearbox-1.0.dist-info").mkdir()
     (tmp_path / "gearbox-1.0.dist-info" / "METADATA").write_text("Name: gearbox\nVersion: 1.0\n")
