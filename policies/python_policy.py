@@ -18,6 +18,7 @@ from robogauntlet.policies.function_policy import as_policy
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import describe
+from robogauntlet.support.secret_variables import variable_names
 
 NAME = "python"
 MAX_SOURCES = 1000
@@ -47,6 +48,10 @@ class _Place:
         if not isinstance(files, list | tuple) or not all(isinstance(file, str) for file in files):
             raise PolicyError(f"policy '{NAME}': expected option files: paths below the folder, got {files!r}")
         self.files = [self._below(file) for file in files]
+        try:
+            variable_names(options.get("variables", ()))
+        except ValueError as error:
+            raise PolicyError(f"policy '{NAME}': option variables: {error}") from None
 
     def _below(self, file: str) -> Path:
         path = (self.folder / file).resolve()
@@ -167,6 +172,7 @@ KIND = PolicyKind(
         "options": "its keyword arguments",
         "folder": "folder of the module if it is not installed; by default the working directory",
         "files": "other files below the folder that it reads, such as weights; they count for its digest",
+        "variables": "environment variables that it needs, such as [WANDB_API_KEY]; it gets no other secret",
     },
     files=_files,
 )

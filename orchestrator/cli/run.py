@@ -26,6 +26,7 @@ from robogauntlet.orchestrator.cli.common import (
 )
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
+from robogauntlet.orchestrator.episodes.policy_source import given_variables
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
 from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan, new_run_folder
 from robogauntlet.orchestrator.runs.plan import find_suite, fitted, make_plan
@@ -147,8 +148,8 @@ def run(
         except NoCluster as error:
             raise BadInput(f"--address {address}: {error}") from None
     print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} into {folder}")
-    for change in fitted(plan):
-        print_line(change)
+    for line in (*fitted(plan), *given_variables(plan.sources)):
+        print_line(line)
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)

@@ -24,7 +24,7 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyNotInstalled
 from robogauntlet.results.run_document import EnvironmentRecord
 from robogauntlet.suites.environments import Config, EnvironmentEntry
-from robogauntlet.support.secret_variables import POLICY_TOKEN, SECRETS, without_secrets
+from robogauntlet.support.secret_variables import POLICY_TOKEN, without_secrets
 
 OBJECT_TOKEN = f"{POLICY_TOKEN}_OBJECT"
 """Variable with the token of the server of this process's objects, see `orchestrator/api`; workers get it, too."""
@@ -34,10 +34,9 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM
 def worker_environment(simulator: Simulator) -> dict[str, str]:
     """Environment variables of a process that runs a simulator: one thread, and the simulator's own variables.
 
-    The simulator's variables are omitted if the user has set them.
+    The simulator's variables are as the user has set them, if so.
     """
-    wanted = {name: value for name, value in simulator.environment.items() if name not in os.environ}
-    return {**_ONE_THREAD, **wanted}
+    return {**_ONE_THREAD, **{name: os.environ.get(name, value) for name, value in simulator.environment.items()}}
 
 
 class EnvironmentResolver:
@@ -113,7 +112,7 @@ class EnvironmentResolver:
         Raises:
             OSError: The folder with links to the source cannot be written.
         """
-        variables = {**dict.fromkeys(SECRETS, ""), **worker_environment(simulator)}  # Ray hands its own variables on
+        variables = worker_environment(simulator)
         if token := os.environ.get(OBJECT_TOKEN):
             variables[OBJECT_TOKEN] = token  # Ray may have been started before it was set.
         if (environment := self.resolve(simulator)) is None:

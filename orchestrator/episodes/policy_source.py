@@ -5,10 +5,11 @@ On a cluster, Ray's object store carries the policies' files to nodes that lack 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,7 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import Policy, PolicyError, PolicyFiles
 from robogauntlet.support.files import new_folder
 from robogauntlet.support.private_folder import private_folder
+from robogauntlet.support.secret_variables import variable_names
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,13 @@ class PolicySource:
     """Expected hash of its content; None to accept any content."""
     bundle: PolicyBundle | None = None
     """Its files, for nodes that may lack them."""
+    variables: Mapping[str, str] | None = field(default=None, repr=False, compare=False)
+    """The environment variables that its option `variables` names, as they are where it is first described: processes
+    that build it get no others of the user's."""
+
+    def __post_init__(self) -> None:
+        if self.variables is None:
+            object.__setattr__(self, "variables", _variables(self.options))
 
 
 def build_policy(source: PolicySource) -> Policy:
@@ -64,6 +73,7 @@ def resolve_locally(source: PolicySource) -> PolicySource:
     Raises:
         PolicyError: The files are missing or differ from the planned ones, and there is no bundle.
     """
+    os.environ.update(source.variables or {})
     if source.digest is None:
         return source
     try:
@@ -128,6 +138,21 @@ def bundle_layout(files: PolicyFiles) -> tuple[dict[str, str], dict[str, Path]]:
 def bundle_cache_dir(digest: str) -> Path:
     """The folder in which a node keeps its copies of a policy's files."""
     return Path(tempfile.gettempdir()) / f"robogauntlet-{os.getuid()}" / digest
+
+
+def given_variables(sources: Mapping[str, PolicySource]) -> Iterator[str]:
+    """Yield a line for each policy that is given variables of the user's environment."""
+    for name, source in sources.items():
+        if source.variables:
+            yield f"{name} is given {', '.join(source.variables)} of the environment"
+
+
+def _variables(options: Mapping[str, Any]) -> dict[str, str]:
+    """The values of the variables that a policy's options name and that are set."""
+    with contextlib.suppress(ValueError):  # the policy's kind says what is wrong with them
+        names = variable_names(options.get("variables", ()))
+        return {name: os.environ[name] for name in names if name in os.environ}
+    return {}
 
 
 def _check(source: PolicySource) -> None:

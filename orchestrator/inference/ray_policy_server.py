@@ -17,13 +17,12 @@ from robogauntlet.adapters.catalog import body_of
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy, resolve_locally
 from robogauntlet.orchestrator.inference.batcher import Batcher
-from robogauntlet.orchestrator.ray_runtime.session import answer, check_room
+from robogauntlet.orchestrator.ray_runtime.session import answer, check_room, in_session
 from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Decision, Policy, PolicyInput, PolicySpec, Query
 from robogauntlet.suites.episode import Cell, Episode
 from robogauntlet.support.errors import last_line
-from robogauntlet.support.secret_variables import SECRETS
 
 if TYPE_CHECKING:
     from robogauntlet.suites.resources import Inference
@@ -146,8 +145,7 @@ def start_servers(sources: Mapping[str, PolicySource], inference: Inference) -> 
     chosen = {name: sources[name] for name in _image_policies(sources)}
     actor: Any = ray.remote(Server)
     options = {"num_cpus": 0, "num_gpus": inference.num_gpus, "max_restarts": -1, "max_concurrency": MAX_CONCURRENCY}
-    hidden = dict.fromkeys(SECRETS, "")
-    environment = {"env_vars": hidden | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}}
+    environment = in_session({"env_vars": {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}})
     actor = actor.options(runtime_env=environment, **options)
     return [actor.remote(chosen, inference) for _ in range(inference.replicas if chosen else 0)]
 

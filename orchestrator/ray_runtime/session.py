@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, 
 from robogauntlet.orchestrator.ray_runtime.parts import private, without_unused_parts
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
+from robogauntlet.support.secret_variables import SECRETS, is_policy_token, without_secrets
 
 _LOCAL_ENVIRONMENT: dict[str, str | None] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
@@ -113,6 +114,12 @@ def _environment(variables: Mapping[str, str | None]) -> Iterator[None]:
         _set_environment(before)
 
 
+def _hidden() -> dict[str, None]:
+    """The variables without which Ray is started: its processes hand theirs on to every worker."""
+    tokens = [name for name in os.environ if is_policy_token(name)]
+    return dict.fromkeys(os.environ.keys() - without_secrets(os.environ, but=tokens).keys())
+
+
 def _set_environment(variables: Mapping[str, str | None]) -> None:
     for name, value in variables.items():
         if value is None:
@@ -146,7 +153,7 @@ def _start(address: str | None, workers: int) -> None:
         options |= {"_temp_dir": str(_folder.ray)} if _folder is not None else {}
     children = set(psutil.Process().children(recursive=True))
     try:
-        with without_unused_parts():
+        with without_unused_parts(), _environment(_hidden() if address is None else {}):
             ray.init(address or "local", **options)
     except Exception as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
         if address is not None:
@@ -238,11 +245,13 @@ def temporary_folder() -> Path | None:
     return None if _folder is None else _folder.temporary
 
 
-def with_temporary_folder(runtime_env: Mapping[str, Any]) -> dict[str, Any]:
-    """A `runtime_env` of Ray whose processes keep temporary files in the session's folder."""
-    if _folder is None:
-        return dict(runtime_env)
-    return {**runtime_env, "env_vars": {**runtime_env["env_vars"], "TMPDIR": str(_folder.temporary)}}
+def in_session(runtime_env: Mapping[str, Any]) -> dict[str, Any]:
+    """A `runtime_env` of Ray whose processes have no secrets, and keep temporary files in the session's folder.
+
+    The Ray that was started here has no secrets; another hands its own on.
+    """
+    more = dict.fromkeys(SECRETS, "") if _folder is None else {"TMPDIR": str(_folder.temporary)}
+    return {**runtime_env, "env_vars": {**more, **runtime_env["env_vars"]}}
 
 
 def _dead_parts() -> dict[str, int]:

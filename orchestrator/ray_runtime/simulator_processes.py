@@ -22,8 +22,8 @@ from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
     RayLost,
     check_alive,
+    in_session,
     ray_session,
-    with_temporary_folder,
 )
 from robogauntlet.support.errors import last_line
 
@@ -74,7 +74,7 @@ def run_per_simulator(
                 yield name, ProcessEnded(reason)
                 continue
             options = {**room, **placed_on(placement.nodes(simulator))}
-            environment = with_temporary_folder(environments.ray_runtime_env(simulator))
+            environment = in_session(environments.ray_runtime_env(simulator))
             actors[name] = process.options(runtime_env=environment, **options).remote()
             streams[actors[name].run.remote(generator, its_arguments)] = name
         last_heard: dict[Any, float] = {}

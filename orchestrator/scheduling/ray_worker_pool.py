@@ -24,7 +24,7 @@ from robogauntlet.orchestrator.ray_runtime.session import (
     RayLost,
     check_alive,
     check_room,
-    with_temporary_folder,
+    in_session,
     workers_that_fit,
 )
 from robogauntlet.orchestrator.scheduling import worker_pool
@@ -134,7 +134,7 @@ class RayWorkerPool:
             description = catalog.find(simulator)
             nodes = self._placement.nodes(description)
             options = {**self._resources.get(simulator, Resources()).ray_options(), **placed_on(nodes)}
-            environment = with_temporary_folder(self._environments.ray_runtime_env(description))
+            environment = in_session(self._environments.ray_runtime_env(description))
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1
             actor: Any = Worker

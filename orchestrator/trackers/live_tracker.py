@@ -14,7 +14,7 @@ from typing import Any, Self
 from robogauntlet.orchestrator.trackers.tracked_run import TrackedRun, TrackerError, check_project
 from robogauntlet.orchestrator.trackers.tracker import PROJECT, TrackedVideo, Tracker
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
-from robogauntlet.support.secret_variables import TRACKER_SECRETS, without_secrets
+from robogauntlet.support.secret_variables import TRACKER_SECRETS, is_secret
 
 UPDATE_S = 30.0
 """Shortest time between two updates (s)."""
@@ -125,7 +125,9 @@ class LiveTracker:
 
     def _start(self) -> JsonChild:
         command = [sys.executable, "-m", "robogauntlet.orchestrator.trackers.tracker_process", self._tracker.value]
-        environment = without_secrets(os.environ, but=TRACKER_SECRETS[self._tracker.value])
+        # It runs the library that the user chose, which may need the login of another service, too: where files go.
+        own = TRACKER_SECRETS[self._tracker.value]
+        environment = {name: value for name, value in os.environ.items() if name in own or not is_secret(name)}
         return JsonChild(command, environment=environment, own_group=True)
 
     def _request(self, request: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicySpec
@@ -22,6 +22,7 @@ from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.errors import first_line
 from robogauntlet.support.json_text import parse_json
+from robogauntlet.support.secret_variables import variable_names
 
 NAME = "lerobot"
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
@@ -32,6 +33,7 @@ OPTIONS = {
     "device": "cpu, cuda, ...; by default cpu",
     "python": "the Python of an environment with LeRobot; by default that of `robogauntlet env create lerobot`",
     "timeout_s": "seconds to wait for an answer; loading may take ten times as long",
+    "variables": "environment variables that it needs, such as [HF_TOKEN]; it gets no other secret",
     **{name: meaning for name, meaning in CONVENTION_OPTIONS.items() if name not in ("instruction", "actions")},
 }
 """Option to its meaning."""
@@ -44,6 +46,7 @@ class LeRobotOptions(Convention):
     device: Annotated[str, Field(pattern=r"^[a-z]+(:[0-9]+)?$")] = "cpu"
     python: str | None = None
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+    variables: Annotated[tuple[str, ...], BeforeValidator(variable_names)] = ()
     cameras: dict[str, Key] = Field(default_factory=dict)
     """Camera to the checkpoint's feature; empty to match them by name."""
     proprioception: Key | None = STATE
@@ -62,7 +65,7 @@ class Checkpoint:
 
     def digest(self) -> str:
         """Return the hash of the checkpoint's files and of the conversions; not of its folder or device."""
-        left_out = {"checkpoint", "device", "python", "timeout_s"}
+        left_out = {"checkpoint", "device", "python", "timeout_s", "variables"}
         if self.options.joints is None:  # Digests from before there were joints stay.
             left_out |= {"joints", "joint_scale"}
         conversion = self.options.model_dump(mode="json", exclude=left_out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
@@ -19,6 +20,7 @@ from robogauntlet.policies.remote.msgpack_numpy import PackingError, array_of
 from robogauntlet.suites.episode import Episode, content_hash
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.secret_variables import without_secrets
 
 LOADING = 10.0
 """Time limit of loading, as a multiple of the limit of an answer."""
@@ -110,7 +112,7 @@ class _Process(JsonChild):
         command = [options.python or sys.executable, "-P", child.__file__, str(checkpoint.folder), options.device]
         self._limit_s = options.timeout_s
         try:
-            super().__init__(command, own_group=True)
+            super().__init__(command, environment=without_secrets(os.environ, but=options.variables), own_group=True)
         except OSError as error:
             raise PolicyError(f"policy '{NAME}': {options.python} cannot be started: {error.strerror}") from None
         self._checked(lambda: self.receive(LOADING * self._limit_s))
