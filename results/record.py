@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from robogauntlet.suites.episode import Condition, Episode, Protocol, ProtocolName, RenderProfile, View
+from robogauntlet.suites.episode import Condition, Episode, Protocol, ProtocolName, RenderProfile, SuccessRule, View
 
 
 class Status(StrEnum):
     """How an episode ended."""
 
     SUCCESS = "success"
-    """The task's predicate held for `SUCCESS_HOLD` control steps in a row."""
+    """The task's predicate held for as many control steps in a row as the protocol says."""
     FAILURE = "failure"
     """It did not hold for as long within the horizon."""
     ERROR = "error"
@@ -67,6 +67,11 @@ class EpisodeResult:
     render_profile: Annotated[str, "How much of the scene is drawn: standard, fast or fast-2."]
     protocol: Annotated[
         str | None, "openvla if played under the common protocol of LIBERO, else empty: RoboGauntlet's own."
+    ] = None
+    success_rule: Annotated[
+        str | None,
+        "once or held if a success is one by another rule than the protocol's, else empty: held for 5 steps in a row, "
+        "under openvla once.",
     ] = None
     status: Annotated[str, "success, failure or error; an error is neither of the others."]
     success_once: Annotated[bool, "The task's predicate was true after at least one step."]
@@ -135,17 +140,18 @@ class EpisodeResult:
 
     @property
     def episode(self) -> Episode:
-        """The episode of the row. Raises ValueError for an unknown render profile or protocol."""
+        """The episode of the row. Raises ValueError for an unknown render profile, protocol or rule."""
         view = View(tuple(self.cameras.split(",")), self.image_size, RenderProfile(self.render_profile))
         name = ProtocolName(self.protocol or ProtocolName.ROBOGAUNTLET)
-        protocol = Protocol(self.horizon, self.replan_every, view, name)
+        rule = None if self.success_rule is None else SuccessRule(self.success_rule)
+        protocol = Protocol(self.horizon, self.replan_every, view, name, rule)
         condition = Condition(self.axis, self.severity)
         return Episode(self.policy, self.policy_digest, self.task, self.seed, protocol, condition)
 
     @classmethod
     def from_episode(cls, episode: Episode, **outcome: Any) -> EpisodeResult:
         """Return a record with the identity of `episode` and the given outcome."""
-        view = episode.protocol.view
+        protocol, view = episode.protocol, episode.protocol.view
         return cls(
             episode_id=episode.id,
             pair_id=episode.pair_id,
@@ -156,12 +162,13 @@ class EpisodeResult:
             axis=episode.condition.axis,
             severity=episode.condition.severity,
             seed=episode.seed,
-            horizon=episode.protocol.horizon,
-            replan_every=episode.protocol.replan_every,
+            horizon=protocol.horizon,
+            replan_every=protocol.replan_every,
             cameras=",".join(view.cameras),
             image_size=view.image_size,
             render_profile=str(view.render_profile),
-            protocol=None if episode.protocol.name is ProtocolName.ROBOGAUNTLET else str(episode.protocol.name),
+            protocol=None if protocol.name is ProtocolName.ROBOGAUNTLET else str(protocol.name),
+            success_rule=None if protocol.success is None else str(protocol.success),
             **outcome,
         )
 
@@ -218,11 +225,12 @@ _REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if ki
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
     """Return the values of the `OUTCOME` fields, in order. Zeros lose their sign, as in databases.
 
-    Without `BEHAVIOUR` if none was measured, and without `protocol` if it is empty, so that rows of earlier versions
-    keep their hash.
+    Without `BEHAVIOUR` if none was measured, and without `protocol` and `success_rule` if they are empty, so that rows
+    of earlier versions keep their hash.
     """
     measured = has_behaviour(result)
-    left_out = {*(() if measured else BEHAVIOUR), *(() if result.protocol else ("protocol",))}
+    empty = (name for name in ("protocol", "success_rule") if not getattr(result, name))
+    left_out = {*(() if measured else BEHAVIOUR), *empty}
     values = [(name, getattr(result, name)) for name in OUTCOME if name not in left_out]
     return tuple(value + 0.0 if name in _REAL and value is not None else value for name, value in values)
 

@@ -20,8 +20,7 @@ _PART = re.compile(r"(?P<axis>[^@+]+)@(?P<severity>[0-9]{1,3}([.][0-9]{1,2})?)")
 FIRST_TRAINING_SEED = 1_000_000
 """Seeds from here on are for training and development; those of suites begin at 0, and never share a starting state."""
 SUCCESS_HOLD = 5
-"""Control steps in a row for which a task's success predicate must hold before the episode counts as a success, under
-RoboGauntlet's own protocol."""
+"""Control steps in a row for which a task's success predicate must hold by the rule `held`."""
 
 
 class RenderProfile(StrEnum):
@@ -35,14 +34,28 @@ class RenderProfile(StrEnum):
     """As `fast`, with the meshes of robots simplified to what an image shows, where that saves a quarter of a frame."""
 
 
+class SuccessRule(StrEnum):
+    """When an episode is a success, at which it ends."""
+
+    HELD = "held"
+    """The task's predicate has held for `SUCCESS_HOLD` control steps in a row."""
+    ONCE = "once"
+    """The predicate holds after a control step, as most benchmarks count."""
+
+
 class ProtocolName(StrEnum):
-    """Whose rules decide when an episode is a success, and how images are turned."""
+    """Whose rules decide when an episode is a success, unless a rule is stated, and how images are turned."""
 
     ROBOGAUNTLET = "robogauntlet"
-    """The predicate holds for `SUCCESS_HOLD` steps in a row; images are upright."""
+    """The predicate is held; images are upright."""
     OPENVLA = "openvla"
-    """As in evaluations on LIBERO since OpenVLA's: the predicate holds for one step; LIBERO's images, which are upside
-    down, are rotated by 180 degrees, which makes them upright and mirrored."""
+    """As in evaluations on LIBERO since OpenVLA's: the predicate holds once; LIBERO's images, which are upside down,
+    are rotated by 180 degrees, which makes them upright and mirrored."""
+
+    @property
+    def success_rule(self) -> SuccessRule:
+        """The protocol's own rule."""
+        return SuccessRule.ONCE if self is ProtocolName.OPENVLA else SuccessRule.HELD
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -145,11 +158,23 @@ class Protocol:
     """Steps of an action chunk that are executed before the policy is queried again (fewer for shorter chunks)."""
     view: View = field(default_factory=View)
     name: ProtocolName = ProtocolName.ROBOGAUNTLET
+    success: SuccessRule | None = None
+    """Another rule than the protocol's own, or None."""
+
+    def __post_init__(self) -> None:
+        """Give protocols with the same rules one spelling."""
+        if self.success is self.name.success_rule:
+            object.__setattr__(self, "success", None)
+
+    @property
+    def success_rule(self) -> SuccessRule:
+        """When an episode is a success."""
+        return self.success or self.name.success_rule
 
     @property
     def success_hold(self) -> int:
         """Control steps in a row for which the success predicate must hold."""
-        return 1 if self.name is ProtocolName.OPENVLA else SUCCESS_HOLD
+        return SUCCESS_HOLD if self.success_rule is SuccessRule.HELD else 1
 
     @property
     def mirrored(self) -> bool:
@@ -157,10 +182,16 @@ class Protocol:
         return self.name is ProtocolName.OPENVLA
 
     def described(self) -> dict[str, Any]:
-        """Return the fields; RoboGauntlet's own has no name, as ids and datasets are older than names of protocols."""
+        """Return the fields.
+
+        Those of RoboGauntlet's own protocol and of a protocol's own rule are left out, as ids and datasets are older
+        than names of protocols and of rules.
+        """
         fields = asdict(self)
         if self.name is ProtocolName.ROBOGAUNTLET:
             del fields["name"]
+        if self.success is None:
+            del fields["success"]
         return fields
 
 

@@ -33,6 +33,7 @@ from robogauntlet.suites.episode import (
     Protocol,
     ProtocolName,
     RenderProfile,
+    SuccessRule,
     View,
     content_hash,
 )
@@ -228,6 +229,8 @@ class Suite(_Model):
 
     protocol: ProtocolName = ProtocolName.ROBOGAUNTLET
     """`openvla`: the common protocol of LIBERO, for its tasks."""
+    success: SuccessRule | None = None
+    """When an episode is a success; by default as the protocol says: held, under openvla once."""
     replan_every: Steps = 8
     """Steps of an action chunk executed before the policy is queried again."""
     cameras: tuple[Text, ...] = Field(default=CAMERAS, min_length=1)
@@ -301,6 +304,15 @@ class Suite(_Model):
         """The images that policies see."""
         return View(self.cameras, self.image_size, self.render_profile)
 
+    def protocol_with(self, horizon: int) -> Protocol:
+        """The rules of an episode of a task with this horizon, if the suite states no other."""
+        return Protocol(self.horizon or horizon, self.replan_every, self.view, self.protocol, self.success)
+
+    @property
+    def success_rule(self) -> SuccessRule:
+        """When an episode is a success."""
+        return self.success or self.protocol.success_rule
+
     def with_names(self, names: Registry) -> Suite:
         """Return the suite with its task patterns and its robots replaced by task names."""
         tasks = with_robots(expand_tasks(self.tasks, names.tasks), self.robots, names.tasks)
@@ -316,9 +328,9 @@ class Suite(_Model):
 
         `digests` has the hash of each policy's content.
         """
-        cells, view = [], self.view
+        cells = []
         for task in self.tasks:
-            protocol = Protocol(self.horizon or names.tasks[task].horizon, self.replan_every, view, self.protocol)
+            protocol = self.protocol_with(names.tasks[task].horizon)
             for condition in self.all_conditions():
                 cells += [Cell(p.name, digests[p.name], task, protocol, condition) for p in self.policies]
         return cells

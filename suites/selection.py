@@ -1,4 +1,4 @@
-"""Selection of some policies, tasks or seeds of a suite. Its episodes keep their ids."""
+"""Selection of some policies, tasks or seeds of a suite, whose episodes keep their ids unless a setting changes."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ class SuiteSelection:
     """Number of seeds, from the first."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of those policies that the suite lacks."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Keys of the suite to the values that take the place of its own."""
 
     def apply_to(self, suite: Suite) -> Suite:
         """Return the selected part of a suite with expanded task patterns; comparisons need all their policies.
@@ -51,6 +53,7 @@ class SuiteSelection:
                 "adaptive": suite.adaptive if merging or compare else None,
                 "oracle_gate": suite.oracle_gate if suite.oracle_gate in names else None,
                 "no_skill_baselines": tuple(name for name in suite.no_skill_baselines if name in names),
+                **self.settings,
             }
         )
 

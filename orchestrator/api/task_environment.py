@@ -17,7 +17,7 @@ from robogauntlet.adapters.contract import (
 )
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation, ReferenceImages
-from robogauntlet.suites.episode import SUCCESS_HOLD, Cell
+from robogauntlet.suites.episode import Cell
 
 MAX_INSTRUCTION = 200
 
@@ -49,6 +49,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         """
         self.simulation = self._clean = simulation
         self.horizon, self.render_mode = cell.protocol.horizon, render_mode
+        self._hold = cell.protocol.success_hold
         self._cell, self._references = cell, ReferenceImages()
         spec, view = simulation.action_spec, simulation.observation_spec
         self.metadata = {**self.metadata, "render_fps": spec.control_hz}
@@ -91,8 +92,8 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
 
         Returns:
             The observation; the reward; whether the task has succeeded (its predicate held for five steps in a row, or
-            when the simulation ended), or the simulation has ended otherwise; whether the horizon is reached; a mapping
-            with `success` and `success_now`, whether the predicate holds now.
+            once if that is the rule or the simulation ended), or the simulation has ended otherwise; whether the
+            horizon is reached; a mapping with `success` and `success_now`, whether the predicate holds now.
 
         Raises:
             ValueError: The action has another shape, or is not finite.
@@ -111,7 +112,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         outcome = self.simulation.step(np.clip(given, spec.low, spec.high))
         self._steps += 1
         self._held = self._held + 1 if outcome.success else 0
-        success = self._held >= SUCCESS_HOLD or bool(outcome.terminated and outcome.success)
+        success = self._held >= self._hold or bool(outcome.terminated and outcome.success)
         info = {"success": success, "success_now": bool(outcome.success)}
         over, late = success or bool(outcome.terminated), self._steps >= self.horizon
         return self._observe(), float(outcome.reward), over, late, info

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.runs.plan import why_impossible
 from robogauntlet.suites.conditions import read_condition
-from robogauntlet.suites.episode import CLEAN, Cell, Protocol, RenderProfile, View
+from robogauntlet.suites.episode import CLEAN, Cell, Protocol, RenderProfile, SuccessRule, View
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
@@ -28,6 +28,7 @@ def make(
     render_profile: str = RenderProfile.STANDARD,
     horizon: int | None = None,
     condition: str = CLEAN,
+    success: str = SuccessRule.HELD,
 ) -> TaskEnvironment:
     """Open a task in this process as a `gymnasium.Env`, to step a policy in a loop of your own.
 
@@ -43,6 +44,7 @@ def make(
         condition: `clean`, or one perturbation axis at one severity, `AXIS@SEVERITY`. Each seed has the disturbance
             that it has in a run with the same horizon, cameras, image size and profile, and the default of eight
             actions between queries. A perturbation that cannot be delivered raises `NotDelivered` during `reset`.
+        success: `held`, or `once` to succeed at the first step after which the task's predicate holds.
 
     Raises:
         AdapterError: There is no such task, or its simulator is not installed.
@@ -54,6 +56,8 @@ def make(
         raise BadInput(f"image_size: expected 16 to 1024, got {image_size}")
     if render_profile not in list(RenderProfile):
         raise BadInput(f"render_profile: unknown '{render_profile}'{did_you_mean(render_profile, RenderProfile)}")
+    if success not in list(SuccessRule):
+        raise BadInput(f"success: unknown '{success}'{did_you_mean(success, SuccessRule)}")
     if horizon is not None and horizon < 1:
         raise BadInput(f"horizon: expected 1 or more, got {horizon}")
     shift = read_condition(condition)
@@ -74,5 +78,5 @@ def make(
     view = View(tuple(cameras or available), image_size, RenderProfile(render_profile))
     simulation = catalog.open_simulation(task, view)
     assert description is not None  # else it was refused
-    protocol = Protocol(horizon or description.horizon, view=view)
+    protocol = Protocol(horizon or description.horizon, view=view, success=SuccessRule(success))
     return TaskEnvironment(simulation, description, Cell("own loop", "own loop", task, protocol, shift), render_mode)

@@ -23,6 +23,7 @@ from robogauntlet.results.run_document import RUN_FILE, RunError
 from robogauntlet.results.store.database import StoreError, parse
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.run_history import History, history_url
+from robogauntlet.suites.episode import SuccessRule
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.ranges import MAX_SEEDS
 from robogauntlet.suites.selection import SelectionError
@@ -68,6 +69,13 @@ Tasks = Annotated[
 ]
 SeedCount = Annotated[
     int | None, typer.Option("--seeds", min=1, max=MAX_SEEDS, help="Only the first N seeds of the suite.")
+]
+Success = Annotated[
+    SuccessRule | None,
+    typer.Option(
+        help="When an episode is a success: its predicate has held for 5 steps, or once; by default as the suite says.",
+        show_default=False,
+    ),
 ]
 PolicyOptions = Annotated[
     list[str] | None,

@@ -16,6 +16,7 @@ from robogauntlet.orchestrator.cli.common import (
     PolicyOptions,
     SeedCount,
     StoreUrl,
+    Success,
     SuiteArgument,
     Tasks,
     fail,
@@ -49,6 +50,7 @@ def plan(
     option: PolicyOptions = None,
     task: Tasks = None,
     seeds: SeedCount = None,
+    success: Success = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Folder of a run of the suite: show the episodes that it lacks.")
     ] = None,
@@ -69,7 +71,8 @@ def plan(
     of a run (--out) or from an assumption.
     """
     asked = Asked.from_options(width, detect, rate, discordance)
-    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()))
+    settings = {} if success is None else {"success": success}
+    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()), settings)
     planned = make_plan(find_suite(suite), part=part, require_installed=False, start=check)
     if planned.suite.needs is not None:
         raise BadInput(needs_policy(planned.path))

@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.cli.common import (
     Policies,
     PolicyOptions,
     SeedCount,
+    Success,
     Tasks,
     Trust,
     fail,
@@ -64,6 +65,7 @@ def run(
             help="Without a suite: AXIS or AXIS@SEVERITY[,SEVERITY], beside the clean condition. Repeatable.",
         ),
     ] = None,
+    success: Success = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Run folder; a run of the same suite that is in it is continued.")
     ] = None,
@@ -117,6 +119,7 @@ def run(
         require_trust(read_run(out_folder), out_folder, trust=trust)
     tracker = None if log is None else LiveTracker(read_tracker(log), log_project)
     policy_options, part = read_options(option or ()), SuiteSelection()
+    settings = {name: value for name, value in {"success": success}.items() if value is not None}
     if suite is not None and _is_task(suite):
         task, suite = [suite, *(task or ())], None
     if suite is None:
@@ -130,13 +133,14 @@ def run(
             conditions=condition or (),
             folder=out_folder,
             only=required,
+            settings={name: str(value) for name, value in settings.items()},
         )
     elif condition:
         raise BadInput(
             "--condition: expected --policy and --task instead of a suite file, which lists its own conditions"
         )
     else:
-        part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, policy_options)
+        part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, policy_options, settings)
         plan = make_plan(find_suite(suite), part=part, only=required)
         folder = out_folder or new_run_folder(plan.suite.name)
     broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.environments) if f.problem]
@@ -187,6 +191,8 @@ def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, 
         arguments += ["--option", option_text(name, value)]
     arguments += [argument for name in part.tasks for argument in ("--task", name)]
     arguments += [] if part.seeds is None else ["--seeds", str(part.seeds)]
+    for name, value in part.settings.items():
+        arguments += [f"--{name.replace('_', '-')}", str(value)]
     arguments += ["--out", str(folder)]
     arguments += ["--store", without_password(store)] if store is not None and STORE_VARIABLE not in os.environ else []
     arguments += ["--address", address] if address is not None else []

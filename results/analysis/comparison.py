@@ -29,6 +29,7 @@ from robogauntlet.results.statistics.pairs import (
     pooled,
 )
 from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.suites.schema import Suite
 from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ COLUMNS = (
     *BEHAVIOUR,
 )
 """Fields of the record that a comparison needs."""
+SETTINGS = ("protocol", "success_rule", "horizon", "replan_every", "cameras", "image_size", "render_profile")
+"""Properties of a suite that all its episodes have: of runs that share no episode, those that differ are named."""
 
 
 class Verdict(StrEnum):
@@ -241,6 +244,8 @@ def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Differenc
             f"the suite plans other episodes: {counted(new, 'new cell')}, {gone:,} gone or with another number of seeds"
         )
         found[Difference.SUITE] = text
+    elif pairs.empty and (other := _other_settings(now.suite, before.suite)):
+        found[Difference.SUITE] = f"the suite has {other}"
     return found | setting_differences(now, before, pairs)
 
 
@@ -263,6 +268,11 @@ def setting_differences(now: RunDocument, before: RunDocument, pairs: pd.DataFra
     if moved := int((pairs["state_hash"] != pairs["state_hash_before"]).sum()):
         found[Difference.WORLD] = f"another physical state at the start of {moved:,} of {counted(len(pairs), 'pair')}"
     return found
+
+
+def _other_settings(now: Suite, before: Suite) -> str:
+    values = ((name, str(getattr(now, name)), str(getattr(before, name))) for name in SETTINGS)
+    return ", ".join(f"{name} {new}, the baseline {old}" for name, new, old in values if new != old)
 
 
 def _plan(document: RunDocument) -> set[tuple[str, str, str, int, int]]:

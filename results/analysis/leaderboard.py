@@ -24,11 +24,12 @@ from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.episode_frame import read_episodes
 from robogauntlet.results.store.history_records import rows_url
 from robogauntlet.results.store.run_history import History
+from robogauntlet.suites.episode import ProtocolName, SuccessRule
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status")
+COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status", "protocol", "success_rule")
 """Fields of the record that are needed."""
 
 
@@ -69,9 +70,11 @@ def latest_results_per_policy(
 ) -> Iterator[PolicyEpisodes]:
     """Yield the episodes of each policy of a suite in its newest complete run whose rows can be read.
 
-    `left_out` is called with a message for each run whose rows cannot be read. Raises StoreError.
+    Those of one rule of success are compared, that of the newest run. `left_out` is called with a message for each run
+    that counts otherwise, or whose rows cannot be read. Raises StoreError.
     """
     found: set[str] = set()
+    rule: SuccessRule | None = None
     for entry, digests in history.newest_runs(suite):
         wanted = [name for name in digests if name not in found]
         if not wanted:
@@ -81,11 +84,24 @@ def latest_results_per_policy(
         except (RunError, StoreError) as error:
             left_out(f"{entry.name} is left out: {error}")
             continue
+        own = _success_rule(rows)
+        rule = rule or own
+        if own is not rule:
+            left_out(f"{entry.name} is left out: it counts success {own}, the newest run {rule}")
+            continue
         for name in wanted:
             of_policy = rows[rows["policy"] == name]
             if len(of_policy):
                 found.add(name)
                 yield PolicyEpisodes(name, digests[name], entry.name, entry.started_at, of_policy)
+
+
+def _success_rule(rows: pd.DataFrame) -> SuccessRule | None:
+    """The rule by which a run counts success; None if it has no row."""
+    for protocol, rule in rows[["protocol", "success_rule"]].head(1).itertuples(index=False):
+        name = ProtocolName(protocol) if isinstance(protocol, str) else ProtocolName.ROBOGAUNTLET
+        return SuccessRule(rule) if isinstance(rule, str) else name.success_rule
+    return None
 
 
 def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[LeaderboardRow]:

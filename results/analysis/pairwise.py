@@ -46,8 +46,10 @@ from robogauntlet.suites.plugins import did_you_mean
 if TYPE_CHECKING:
     import pandas as pd
 
-PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile", "protocol")
+PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile", "protocol", "success_rule")
 """Fields of the record that have the protocol of an episode."""
+OWN = {"protocol": "robogauntlet", "success_rule": "the protocol's own"}
+"""What an empty field stands for."""
 COLUMNS = (*comparison.COLUMNS, "axis", "severity", *PROTOCOL)
 """Fields of the record that a comparison needs."""
 ALL_PAIRS = 4
@@ -363,13 +365,17 @@ def _why_none(first: PolicyRows, second: PolicyRows) -> str:
     of_both = [rows[rows["task"].isin(values[0] & values[1])] for rows in sides]
     found = []
     for name in PROTOCOL:
-        values = [set(rows[name]) for rows in of_both]
+        values = [{_value(name, value) for value in set(rows[name])} for rows in of_both]
         if not values[0] & values[1]:
             found.append(f"{name} {_listed(values[0])} and {_listed(values[1])}")
     seeds = [set(rows["seed"]) for rows in of_both]
     if not seeds[0] & seeds[1]:
         found.append(f"seeds {_range(seeds[0])} and {_range(seeds[1])}")
     return "; ".join([*(found or ["no task was played by both with the same seed and protocol"]), PLAY_ALIKE])
+
+
+def _value(name: str, value: object) -> object:
+    return OWN[name] if name in OWN and not isinstance(value, str) else value
 
 
 def _listed(values: Set[object]) -> str:

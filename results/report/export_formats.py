@@ -1,7 +1,9 @@
 """Results of a policy in the file formats of other evaluation programs.
 
 These are `eval_info.json` of LeRobot's `lerobot-eval` (Apache 2.0) and the result file of Allen AI's
-vla-evaluation-harness (`src/vla_eval/results/collector.py`). Values that are not recorded are null or left out.
+vla-evaluation-harness (`src/vla_eval/results/collector.py`). Both programs count an episode as a success once the
+task's predicate is true, and so do their files, whatever the run's own rule. Values that are not recorded are null or
+left out.
 """
 
 from __future__ import annotations
@@ -12,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunDocument, RunError
-from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import Condition, SuccessRule
 
 if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = (
     *("policy", "simulator", "task", "axis", "severity", "seed", "status", "error"),
-    *("reward_sum", "steps", "wall_s"),
+    *("success_once", "reward_sum", "steps", "wall_s"),
 )
 """Fields of the record that are needed."""
 
@@ -46,7 +48,7 @@ def lerobot(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
         metrics = {
             "sum_rewards": own["reward_sum"].tolist(),
             "max_rewards": [None] * len(own),
-            "successes": (own["status"] == str(Status.SUCCESS)).tolist(),
+            "successes": own["success_once"].tolist(),
             "seeds": own["seed"].tolist(),
             "video_paths": [],
         }
@@ -97,20 +99,20 @@ def _episode(row: Any) -> dict[str, Any]:
     if row.status == str(Status.ERROR):
         kind, _, detail = str(row.error).partition(": ")
         return found | {"failure_reason": kind, "failure_detail": detail}
-    return found | {"metrics": {"success": row.status == str(Status.SUCCESS)}}
+    return found | {"metrics": {"success": bool(row.success_once)}}
 
 
 def _mean_success(played: pd.DataFrame) -> dict[str, float]:
     if played.empty:
         return {}
-    return {"mean_success": round(float((played["status"] == str(Status.SUCCESS)).mean()), 4)}
+    return {"mean_success": round(float(played["success_once"].mean()), 4)}
 
 
 def _means(played: pd.DataFrame) -> dict[str, Any]:
     reward = success = None
     if len(played):
         reward = float(played["reward_sum"].mean())
-        success = 100 * float((played["status"] == str(Status.SUCCESS)).mean())
+        success = 100 * float(played["success_once"].mean())
     counts = {"n_episodes": len(played), "video_paths": []}
     return {"avg_sum_reward": reward, "avg_max_reward": None, "pc_success": success, **counts}
 
@@ -123,4 +125,5 @@ def _group(name: str, axis: str, severity: int) -> str:
 def _about(document: RunDocument) -> dict[str, Any]:
     software = document.provenance
     hashes = {"suite_hash": document.suite_hash, "rows_hash": document.rows_hash, "git_commit": software.git_commit}
-    return {"run_id": document.run_id, "suite": document.suite.name, **hashes, "packages": software.versions}
+    rules = {"success": str(SuccessRule.ONCE), "success_in_run": str(document.suite.success_rule)}
+    return {"run_id": document.run_id, "suite": document.suite.name, **rules, **hashes, "packages": software.versions}

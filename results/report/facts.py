@@ -12,12 +12,13 @@ from robogauntlet.results.record import is_left_out
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.failures import PHRASES
 from robogauntlet.results.run_document import RunDocument, RunStatus
-from robogauntlet.suites.episode import SUCCESS_HOLD, ProtocolName
+from robogauntlet.suites.episode import SUCCESS_HOLD, ProtocolName, SuccessRule
 from robogauntlet.support.text import counted, first_of
 
 DEFINITIONS = {
-    "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps (under the protocol "
-    "openvla for one) within the horizon; otherwise the episode is a failure. Success once requires a single step.",
+    "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps (or for a "
+    "single one, where the first lines say so) within the horizon; otherwise the episode is a failure. Success once "
+    "requires a single step in any run.",
     "rate": "Successes / (successes + failures).",
     "interval": "95 % Wilson interval, in brackets after the rate: 19 of 20 such intervals contain the true rate.",
     "pooled": "Rates over several tasks weigh every episode equally; the mean of tasks weighs every task equally.",
@@ -130,8 +131,12 @@ COMBINATION_TERMS = ("sensitivity index", "failure cluster")
 SHIFT_TERMS = ("lost against", "lost beyond clean")
 PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "median difference", "letters")
 PROTOCOLS = {
-    ProtocolName.ROBOGAUNTLET: f"robogauntlet: the predicate holds for {SUCCESS_HOLD} steps, images are upright",
-    ProtocolName.OPENVLA: "openvla: the predicate holds for a step, images are upright and mirrored",
+    ProtocolName.ROBOGAUNTLET: "robogauntlet: images are upright",
+    ProtocolName.OPENVLA: "openvla: images are upright and mirrored",
+}
+RULES = {
+    SuccessRule.HELD: f"held: the predicate holds for {SUCCESS_HOLD} control steps in a row",
+    SuccessRule.ONCE: "once: the predicate holds after a single control step, at which the episode ends",
 }
 BEHAVIOUR_TERMS = ("path length", "time to success", "smoothness", "progress", "contact", "limits")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
@@ -161,6 +166,8 @@ def verdict(document: RunDocument, tables: Tables) -> str:
     parts.append(f"in {formatting.seconds(document.elapsed_s)}" if document.elapsed_s else "")
     if document.suite.protocol is not ProtocolName.ROBOGAUNTLET:
         parts.append(f"under the protocol {document.suite.protocol}")
+    if document.suite.success_rule is SuccessRule.ONCE:
+        parts.append("success at a single step")
     return ", ".join(filter(None, parts)) + (f"; {document.reason}" if document.reason else "")
 
 
@@ -184,6 +191,7 @@ def provenance(document: RunDocument) -> list[tuple[str, str]]:
         ("run", document.run_id),
         ("suite", f"{document.suite.name} ({document.suite_path})"),
         ("protocol", PROTOCOLS[document.suite.protocol]),
+        ("success", RULES[document.suite.success_rule]),
         *([("tasks left out", first_of(document.tasks_left_out))] if document.tasks_left_out else []),
         ("images", f"{document.suite.image_size} px, {document.suite.render_profile}"),
         ("suite hash", document.suite_hash),

@@ -24,6 +24,7 @@ from robogauntlet.results.report.formatting import spreadsheet_cell
 from robogauntlet.results.run_document import Provenance, RunDocument, RunStatus
 from robogauntlet.results.statistics.rates import CONFIDENCE
 from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import SuccessRule
 
 SUMMARY_FORMAT = 1
 ERROR_GROUPS = 50
@@ -105,6 +106,8 @@ class Summary(BaseModel):
     suite_name: str
     suite_hash: str
     """Hash of the planned episodes; equal for suites that plan the same ones."""
+    success_rule: SuccessRule = SuccessRule.HELD
+    """When an episode is a success."""
     rows_hash: str | None
     """Hash of all rows without timing, if the run has computed it."""
     status: RunStatus
@@ -168,6 +171,7 @@ def build_summary(report: Report) -> Summary:
     return Summary(
         **{name: getattr(document, name) for name in COPIED},
         suite_name=document.suite.name,
+        success_rule=document.suite.success_rule,
         total=tables.total,
         episodes_per_hour=tables.episodes_per_hour,
         policies=tables.by_policy,

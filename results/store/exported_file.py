@@ -224,10 +224,12 @@ class _RowCheck:
     def __init__(self, document: RunDocument) -> None:
         suite, fields = document.suite, describe_fields()
         self._cells = {(cell.policy_digest, cell.task, cell.axis, cell.severity) for cell in document.plan}
+        other_rule = suite.protocol_with(1).success
         self._protocol = (
             *(suite.replan_every, ",".join(suite.cameras)),
             *(suite.image_size, str(suite.render_profile)),
             None if suite.protocol is ProtocolName.ROBOGAUNTLET else str(suite.protocol),
+            None if other_rule is None else str(other_rule),
         )
         self._allowed = [
             _TYPES[kind] | ({type(None)} if nullable else frozenset()) for kind, nullable, _ in fields.values()
@@ -268,7 +270,8 @@ class _RowCheck:
             return "its status or render profile is unknown"
         if (row.policy_digest, row.task, row.axis, row.severity) not in self._cells:
             return "it is not planned"
-        if (row.replan_every, row.cameras, row.image_size, row.render_profile, row.protocol) != self._protocol:
+        played = (row.replan_every, row.cameras, row.image_size, row.render_profile, row.protocol, row.success_rule)
+        if played != self._protocol:
             return "its protocol is not that of the suite"
         if row.horizon > MAX_STEPS:
             return "horizon is out of bounds"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -252,10 +253,14 @@ class History:
         return sorted(results, key=lambda result: (result.run.started_at, result.run.run_id))
 
     def baseline(self, document: RunDocument) -> RunEntry | None:
-        """The baseline of a run: the last good run of its suite that started before it. Raises StoreError.
+        """The baseline of a run: the last good run of its suite that started before it and counts success alike.
 
         A run is good if it is complete and was accepted, or if its verdict is none or one of `GOOD` and it was not
         imported.
+
+        Raises:
+            RunError: The document of a run has another format.
+            StoreError: The store cannot be read.
         """
         imported = runs.c.run_id.in_(sa.select(imported_runs.c.run_id))
         clause = sa.and_(
@@ -268,8 +273,12 @@ class History:
                 sa.and_(~imported, sa.or_(runs.c.verdict.is_(None), runs.c.verdict.in_(GOOD))),
             ),
         )
-        last = sa.select(runs.c.run_id).where(clause).order_by(runs.c.started_at.desc()).limit(1)
-        return next(iter(self.entries(last)), None)
+        good = sa.select(runs.c.run_id).where(clause).order_by(runs.c.started_at.desc()).limit(NEWEST)
+        rule = document.suite.success_rule
+        with self.database.reading() as connection:
+            ids = connection.scalars(good).all()
+        alike = (run_id for run_id in ids if self.document(run_id).suite.success_rule is rule)
+        return next(iter(self.entries([*islice(alike, 1)])), None)
 
     def folders(self) -> dict[str, tuple[str, str]]:
         """Folder to (run id, status) of all runs that have one. Raises StoreError."""

@@ -13,8 +13,8 @@ import sqlalchemy as sa
 from robogauntlet.results.record import BEHAVIOUR, CELL, describe_fields
 from robogauntlet.results.store.database import Schema
 
-VERSION = 3
-LATER_COLUMNS: dict[int, tuple[str, ...]] = {2: BEHAVIOUR, 3: ("protocol",)}
+VERSION = 4
+LATER_COLUMNS: dict[int, tuple[str, ...]] = {2: BEHAVIOUR, 3: ("protocol",), 4: ("success_rule",)}
 """Columns of `episodes` by the version that they came with, after 1. All may be null."""
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
 
@@ -104,4 +104,4 @@ def columns_after(version: int) -> tuple[str, ...]:
     return tuple(name for later, names in LATER_COLUMNS.items() if later > version for name in names)
 
 
-SCHEMA = Schema(metadata, _version, VERSION, "store", earlier=frozenset({1, 2}))
+SCHEMA = Schema(metadata, _version, VERSION, "store", earlier=frozenset({1, 2, 3}))

@@ -170,6 +170,11 @@ OTHERS = {
         "openvla": "expected openvla with tasks of LIBERO only, got null/Reach; leave it out",
         "openpi": "expected 'robogauntlet' or 'openvla', found 'openpi'",
     },
+    "success": {
+        "twice": "expected 'held' or 'once', found 'twice'",
+        "5": "expected 'held' or 'once', found 5",
+        "[once]": "found a list",
+    },
     "workers": {
         "many": "expected 'auto', found 'many'",
         f"{{{'y' * 1_000}: 2}}": "unknown simulator 'yyy",

@@ -4,6 +4,7 @@ import dataclasses
 import subprocess
 import sys
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,6 +16,7 @@ from robogauntlet.suites.episode import (
     Protocol,
     ProtocolName,
     RenderProfile,
+    SuccessRule,
     View,
     content_hash,
 )
@@ -22,7 +24,8 @@ from robogauntlet.suites.episode import (
 names = st.text("abcXYZ-_/0", min_size=1, max_size=8)
 conditions = st.builds(Condition, names, st.integers(0, 5))
 views = st.builds(View, st.sampled_from([CAMERAS, CAMERAS[:1]]), st.integers(16, 256), st.sampled_from(RenderProfile))
-protocols = st.builds(Protocol, st.integers(1, 500), st.integers(1, 32), views, st.sampled_from(ProtocolName))
+rules = st.sampled_from([None, *SuccessRule])
+protocols = st.builds(Protocol, st.integers(1, 500), st.integers(1, 32), views, st.sampled_from(ProtocolName), rules)
 EPISODE = Episode("oracle", "0123", "robosuite/Lift", 7, Protocol(100, 8, View()), Condition())
 episodes = st.builds(Episode, names, names, names, st.integers(0, 2**31), protocols, conditions)
 
@@ -55,6 +58,18 @@ def test_datasets_know_robogauntlets_own_protocol_by_the_fields_of_before_it_had
     own = Protocol(100).described()
     assert set(own) == {"horizon", "replan_every", "view"}
     assert Protocol(100, name=ProtocolName.OPENVLA).described() == own | {"name": "openvla"}
+
+
+@pytest.mark.parametrize("name", ProtocolName)
+def test_a_rule_is_part_of_the_identity_unless_it_is_the_protocols_own(name):
+    plain = Protocol(100, name=name)
+    rules = {rule: Protocol(100, name=name, success=rule) for rule in SuccessRule}
+    own = rules.pop(name.success_rule)
+    (other,) = rules.values()
+    assert (own, own.described()) == (plain, plain.described())
+    assert other.described() == plain.described() | {"success": other.success_rule}
+    ids = {dataclasses.replace(EPISODE, protocol=one).pair_id for one in (plain, own, other)}
+    assert len(ids) == 2
 
 
 def test_the_id_is_the_same_in_another_process():

@@ -68,6 +68,16 @@ def test_an_episode_ends_when_the_task_has_succeeded_or_its_time_is_over():
     assert short.step(np.zeros(7))[3]
 
 
+def test_where_success_counts_once_an_episode_ends_at_the_first_step_of_the_predicate():
+    environment = robogauntlet.make("null/Reach", success="once")
+    environment.reset(seed=1)
+    steps = [environment.step(towards_the_goal(environment))[2:] for _ in range(60)]
+    ended = [terminated for terminated, _, _ in steps].index(True)
+    assert [info["success_now"] for _, _, info in steps[: ended + 1]] == [False] * ended + [True]
+    with pytest.raises(BadInput, match=r"^success: unknown 'onec'; did you mean 'once'"):
+        robogauntlet.make("null/Reach", success="onec")
+
+
 def test_a_seed_is_the_episode_of_that_seed_and_none_is_a_random_one():
     environment = robogauntlet.make("null/Reach")
     environment.reset(seed=3)

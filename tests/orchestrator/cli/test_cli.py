@@ -110,6 +110,19 @@ def test_a_part_of_a_suite_is_planned(run_command, suite):
     assert "the suite has no policy 'orcale'" in wrong.refusal
 
 
+def test_a_rule_on_the_command_line_is_that_of_the_suite(run_command, suite, tmp_path):
+    def planned(*arguments):
+        return json.loads(run_command("plan", *arguments, "--json").out)["hash"]
+
+    stated = {rule: tmp_path / f"{rule}.yaml" for rule in ("held", "once")}
+    for rule, path in stated.items():
+        path.write_text(suite.read_text() + f"success: {rule}\n")
+    hashes = {rule: planned(path) for rule, path in stated.items()}
+    assert hashes["held"] == planned(suite) != hashes["once"]
+    assert planned(suite, "--success", "once") == planned(stated["held"], "--success", "once") == hashes["once"]
+    assert planned(stated["once"], "--success", "held") == hashes["held"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

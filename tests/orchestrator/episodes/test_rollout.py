@@ -9,7 +9,7 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicyMismatch, PolicySpec, Routing, StatelessPolicy
 from robogauntlet.results.record import outcome_row
-from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, ProtocolName, View
+from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, ProtocolName, SuccessRule, View
 
 
 class Scripted(StatelessPolicy):
@@ -48,8 +48,8 @@ class Counting:
         return getattr(self.inner, name)
 
 
-def episode(horizon=40, replan_every=8, policy="p", protocol=ProtocolName.ROBOGAUNTLET):
-    return Episode(policy, policy, "null/Reach", 3, Protocol(horizon, replan_every, name=protocol))
+def episode(horizon=40, replan_every=8, policy="p", protocol=ProtocolName.ROBOGAUNTLET, rule=None):
+    return Episode(policy, policy, "null/Reach", 3, Protocol(horizon, replan_every, name=protocol, success=rule))
 
 
 def test_images_are_rendered_once_per_chunk():
@@ -89,6 +89,18 @@ def test_under_the_protocol_openvla_the_first_step_of_the_predicate_is_a_success
     result = rollout(simulation, Scripted(), episode(protocol=ProtocolName.OPENVLA))
     assert (result.status, result.steps, result.protocol) == ("success", 6, "openvla")
     assert result.time_to_success == pytest.approx(6 / simulation.action_spec.control_hz)
+
+
+def test_where_success_counts_once_the_first_step_of_the_predicate_ends_the_episode():
+    result = rollout(Counting(success=lambda step: step == 6), Scripted(), one := episode(rule=SuccessRule.ONCE))
+    assert (result.status, result.steps, result.protocol, result.success_rule) == ("success", 6, None, "once")
+    assert result.episode == one
+
+
+def test_under_the_protocol_openvla_success_may_have_to_be_held():
+    one = episode(protocol=ProtocolName.OPENVLA, rule=SuccessRule.HELD)
+    result = rollout(Counting(success=lambda step: step >= 6), Scripted(), one)
+    assert (result.status, result.steps, result.success_rule) == ("success", 5 + SUCCESS_HOLD, "held")
 
 
 def test_under_the_protocol_openvla_policies_see_mirrored_images():

@@ -14,6 +14,7 @@ from robogauntlet.results.analysis.comparison import COLUMNS, Difference, Run, V
 from robogauntlet.results.report.comparison import FORMATS, as_json, as_junit, as_markdown, as_text
 from robogauntlet.results.run_document import Provenance
 from robogauntlet.results.statistics.pairs import Pairs, pooled
+from robogauntlet.suites.episode import SuccessRule
 from tests.results.synthetic import cells, document, row
 
 ALPHA = 0.05
@@ -95,6 +96,13 @@ def test_errors_and_unpaired_episodes_are_in_no_pair_and_are_counted():
     assert found.pairs == 177
     assert found.errors == {"p": (1, 0)}
     assert found.unpaired == {"p": (0, 3)}
+
+
+def test_runs_that_count_success_by_different_rules_are_not_compared_and_told_so():
+    once = [replace(cell, protocol=replace(cell.protocol, success=SuccessRule.ONCE)) for cell in cells(("p",), TASKS)]
+    found = compare_runs(run("new", always, of=once, success="once"), run("old", always), allowed=set(Difference))
+    assert found.verdict is Verdict.NOT_COMPARABLE
+    assert "the suite has success_rule once, the baseline held" in as_text(found)
 
 
 def test_without_a_shared_episode_runs_are_not_comparable():

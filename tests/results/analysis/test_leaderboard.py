@@ -1,10 +1,24 @@
 """Tests of results/analysis/leaderboard.py."""
 
+from contextlib import closing
+from dataclasses import replace
+
 import pandas as pd
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robogauntlet.results.analysis.leaderboard import COLUMNS, PolicyEpisodes, compact_letters, leaderboard
+from robogauntlet.results.analysis.leaderboard import (
+    COLUMNS,
+    PolicyEpisodes,
+    compact_letters,
+    latest_results_per_policy,
+    leaderboard,
+)
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.history_import import record_run_folder
+from robogauntlet.results.store.run_history import History
+from robogauntlet.suites.episode import SuccessRule
+from tests.results.synthetic import cells, document, rows, run_folder
 
 
 @st.composite
@@ -69,6 +83,18 @@ def test_only_tasks_that_all_have_played_count():
     both = PolicyEpisodes("both", "both", "run", 0.0, pd.concat([hard, easy]))
     found = leaderboard([both, played("one", ["success"] * 30, ("null/Easy",))])
     assert {(one.rate, one.verdicts, one.letters) for one in found} == {(1.0, 30, "a")}
+
+
+def test_runs_that_count_success_otherwise_than_the_newest_are_left_out_with_the_reason(tmp_path):
+    messages, of = [], cells(("p", "q"), ("null/Reach",))
+    with closing(History.open(file_url(tmp_path / "history.sqlite"))) as history:
+        for day, (rule, own) in enumerate((("held", of), ("once", of[:1]))):
+            plan = [replace(cell, protocol=replace(cell.protocol, success=SuccessRule(rule))) for cell in own]
+            run = document(4, plan, run_id=rule, started_at=1e9 + day, success=rule)
+            record_run_folder(history, run_folder(tmp_path / rule, run, rows(plan, planned=4)), run)
+        found = list(latest_results_per_policy(history, "synthetic", messages.append))
+    assert [(one.policy, one.run) for one in found] == [("p", "once")]
+    assert messages == ["held is left out: it counts success held, the newest run once"]
 
 
 def test_without_rates_the_leaderboard_is_empty():

@@ -17,7 +17,7 @@ from robogauntlet.results.analysis.pairwise import (
 from robogauntlet.results.run_document import Provenance, RunError, RunStatus
 from robogauntlet.results.statistics.multiplicity import holm
 from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar, pooled
-from robogauntlet.suites.episode import Cell, Condition, Protocol, View
+from robogauntlet.suites.episode import Cell, Condition, Protocol, SuccessRule, View
 from tests.results.synthetic import cells, columns_of, document, row
 
 TASKS = ("maniskill/A", "maniskill/B", "pybullet/C")
@@ -185,6 +185,7 @@ def protocol_cells(policy, **changes):
     [
         ({"of": protocol_cells("b", horizon=200)}, "horizon 100 and 200"),
         ({"of": protocol_cells("b", replan_every=1, image_size=224)}, "replan_every 8 and 1; image_size 96 and 224"),
+        ({"of": protocol_cells("b", success=SuccessRule.ONCE)}, "success_rule the protocol's own and once"),
         ({"of": protocol_cells("b"), "seeds": range(100, 120)}, "seeds 0 to 7 and 100 to 119"),
         ({"of": cells(("b",), ("pybullet/C", "pybullet/D"))}, "tasks maniskill/A and pybullet/C, pybullet/D"),
         (

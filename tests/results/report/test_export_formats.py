@@ -42,6 +42,20 @@ def test_vla_eval_gets_episodes_and_errors_that_are_in_no_mean(run):
     json.dumps(result, allow_nan=False)
 
 
+@pytest.mark.parametrize("rule", ["held", "once"])
+def test_both_programs_get_their_own_rule_of_success_whatever_the_runs_is(tmp_path, rule):
+    touched = [row(CELLS[0], seed, "failure", success_once=seed < 3) for seed in range(4)]
+    of_run = document(4, CELLS[:1], success=rule)
+    run = open_run(run_folder(tmp_path / "touched", of_run, touched))
+    rows = export_formats.of_policy(run.episodes(export_formats.COLUMNS), None)
+    info, result = export_formats.lerobot(of_run, rows), export_formats.vla_eval(of_run, rows)
+    assert (info["overall"]["pc_success"], result["mean_success"]) == (75.0, 0.75)
+    assert info["per_task"][0]["metrics"]["successes"] == [True, True, True, False]
+    assert [one["metrics"]["success"] for one in result["tasks"][0]["episodes"]] == [True, True, True, False]
+    for about in (info["robogauntlet"], result["config"]):
+        assert (about["success"], about["success_in_run"]) == ("once", rule)
+
+
 def test_a_policy_without_an_episode_has_no_rate(run):
     rows = export_formats.of_policy(run.episodes(), None)
     nothing = rows[rows["status"] == "error"]

@@ -7,7 +7,7 @@ from itertools import product
 
 import pytest
 
-from robogauntlet.results.report import formatting, write_report
+from robogauntlet.results.report import facts, formatting, write_report
 from robogauntlet.results.statistics.rates import Interval, RateBounds
 from robogauntlet.suites.episode import Condition, Perturbation
 from robogauntlet.suites.schema import CompareEntry
@@ -52,6 +52,13 @@ def test_markdown_makes_names_harmless(hostile):
     for dangerous in ("<", "](", " `", "**b"):
         assert dangerous not in lines[2]
     assert lines[2].replace("\\|", "").count("|") == 3
+
+
+@pytest.mark.parametrize(("rule", "said"), [("held", False), ("once", True)])
+def test_a_report_states_the_rule_of_success(rule, said):
+    of_run = document(success=rule)
+    assert ("success at a single step" in facts.verdict(of_run, tables_of(of_run, rows()))) == said
+    assert dict(facts.provenance(of_run))["success"].startswith(f"{rule}: ")
 
 
 def test_the_summary_has_a_row_per_policy_and_a_column_per_simulator():

@@ -9,7 +9,7 @@ from robogauntlet.results.record import FIELDS
 from robogauntlet.results.store.schema import columns_after
 from tests import ROOT
 
-SQL = {version: (ROOT / f"tests/data/store-{version}.sql").read_text() for version in (1, 2, 3)}
+SQL = {version: (ROOT / f"tests/data/store-{version}.sql").read_text() for version in (1, 2, 3, 4)}
 """Tables and indexes by version."""
 LATER = columns_after(1)
 """Columns of `episodes` that version 1 did not have."""

@@ -146,6 +146,8 @@ VALUES = {
     "huge images": ("image_size = 1000000", "its protocol is not that of the suite"),
     "another protocol": ("protocol = 'openvla'", "its protocol is not that of the suite"),
     "its own protocol by name": ("protocol = 'robogauntlet'", "its protocol is not that of the suite"),
+    "another rule of success": ("success_rule = 'once'", "its protocol is not that of the suite"),
+    "its own rule of success by name": ("success_rule = 'held'", "its protocol is not that of the suite"),
     "an empty protocol": ("protocol = ''", "its protocol is not that of the suite"),
     "endless": ("horizon = 1000000000", "horizon is out of bounds"),
     "scores": ("routing_scores = '[]'", "routing_scores are no scores by name"),
@@ -240,7 +242,7 @@ TABLES = {
     "an empty document": ("UPDATE runs SET document = ''", "expected a run document of format 1"),
     "no rows": ("DELETE FROM episodes", "its rows hash to .*: it was changed"),
     "a row less": ("DELETE FROM episodes WHERE rowid = 5", "its rows hash to .*: it was changed"),
-    "no version": ("DELETE FROM robogauntlet_schema", "of version 3, got no version"),
+    "no version": ("DELETE FROM robogauntlet_schema", f"of version {VERSION}, got no version"),
 }
 
 
@@ -323,10 +325,10 @@ def test_tables_of_this_version_that_are_called_version_1_are_refused(file):
     refuse(file, "its tables are not those of this program")
 
 
-@pytest.mark.parametrize("version", ["0", "4", "-1", "9223372036854775807"])
+@pytest.mark.parametrize("version", ["0", "5", "-1", "9223372036854775807"])
 def test_an_export_of_another_version_is_refused(file, version):
     execute(file, f"UPDATE robogauntlet_schema SET version = {version}")
-    refuse(file, f"expected an exported run of version 3, got version {version}; import it with")
+    refuse(file, f"expected an exported run of version {VERSION}, got version {version}; import it with")
 
 
 def test_measured_behaviour_is_imported_with_every_kind_of_failure(tmp_path):

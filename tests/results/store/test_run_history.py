@@ -85,6 +85,13 @@ def test_the_baseline_is_the_last_good_run_of_the_suite_before_it(history):
     assert history.baseline(night(0)) is None
 
 
+def test_a_run_that_counts_success_otherwise_is_no_baseline(history):
+    for number, rule in enumerate(("held", "once", "held")):
+        history.record(night(number, success=rule))
+    found = {rule: history.baseline(night(4, success=rule)) for rule in ("held", "once")}
+    assert {rule: one.run_id for rule, one in found.items()} == {"held": "run-2", "once": "run-1"}
+
+
 def test_the_live_status_of_a_run_is_there_until_it_ends(history):
     history.record(night(1, status=RunStatus.RUNNING))
     lane = LiveSimulator(simulator="null", planned=9, successes=1, failures=1, errors=1)
