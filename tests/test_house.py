@@ -1,6 +1,7 @@
 """The structure of the code: imports go one way, light modules stay light, files stay short."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -61,6 +62,12 @@ def test_policies_depend_on_no_single_simulator():
     allowed = {f"robogauntlet.adapters.{name}" for name in ("contract", "catalog", "frames")}
     names = {name for path in (SOURCE / "policies").rglob("*.py") for name in imports(path)}
     assert {name for name in names if name.startswith("robogauntlet.adapters")} <= allowed
+
+
+def test_private_names_of_libraries_are_imported_only_where_there_is_a_fallback():
+    private = re.compile(r"\b(ray|typer|click|pandas|scipy)\._[a-z]|type_descriptor|\bpandas\.core\b")
+    found = {path.name for path in MODULES.values() if private.search(path.read_text(encoding="utf-8"))}
+    assert found == {"parts.py", "cluster.py"}  # both in orchestrator/ray_runtime
 
 
 def test_no_module_imports_itself_through_others():

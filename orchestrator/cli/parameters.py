@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 import typing
@@ -24,9 +25,11 @@ def check_parameters(command: Any) -> Any:
     """Return a click command, or group, whose parameters refuse values that `problem` names."""
     for below in getattr(command, "commands", {}).values():
         check_parameters(below)
+    kinds = typing.get_type_hints(inspect.unwrap(command.callback)) if command.callback else {}
     for parameter in command.params:
-        kind = parameter.type_descriptor.annotation
-        kind = (typing.get_args(kind) or (kind,))[0]
+        kind = kinds.get(parameter.name, str)  # --help is none of the function's
+        while arguments := typing.get_args(kind):  # those of `int | None` and `list[Path]`
+            kind = arguments[0]
         parameter.process_value = partial(_check_and_process, parameter, parameter.process_value, kind)
     return command
 

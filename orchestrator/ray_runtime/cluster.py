@@ -26,7 +26,10 @@ REFUSED = 7
 _ASK = f"""
 import sys
 from ray.exceptions import AuthenticationError
-from ray._raylet import GcsClient
+try:
+    from ray._raylet import GcsClient
+except ImportError:  # a private name; Ray then says itself whether it can join
+    sys.exit(0)
 try:
     GcsClient(address=sys.argv[1])
 except AuthenticationError:

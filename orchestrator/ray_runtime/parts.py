@@ -35,12 +35,11 @@ def without_unused_parts() -> Iterator[None]:
     unused = UNUSED[:-1] if has_dashboard else UNUSED
     with contextlib.ExitStack() as stack:
         for name in unused:
-            stack.enter_context(_replaced(node, name, lambda *_, **__: None))
+            stack.enter_context(replaced(node, name, lambda *_, **__: None))
         is_known = ray.__version__.startswith(_VERSION)
         if is_known:
-            constants = importlib.import_module("ray._private.ray_constants")
-            stack.enter_context(_replaced(constants, _SETUP, setup_worker.__file__))
-        services = importlib.import_module("ray._private.services")
+            stack.enter_context(replaced(private_module("ray_constants"), _SETUP, setup_worker.__file__))
+        services = private_module("services")
         interpreter = getattr(services, _INTERPRETER, None)
         if interpreter is not None and not has_dashboard and is_known:
 
@@ -50,13 +49,13 @@ def without_unused_parts() -> Iterator[None]:
                 words: list[str] = interpreter(part, *arguments, **options)
                 return words
 
-            stack.enter_context(_replaced(services, _INTERPRETER, command))
+            stack.enter_context(replaced(services, _INTERPRETER, command))
         yield
 
 
 @contextlib.contextmanager
-def _replaced(place: Any, name: str, value: Any) -> Iterator[None]:
-    """Replace an attribute during the block, if there is one of that name."""
+def replaced(place: Any, name: str, value: Any) -> Iterator[None]:
+    """Replace an attribute during the block, if there is one of that name; the place may be None."""
     if (before := getattr(place, name, None)) is None:
         yield
         return
@@ -67,9 +66,14 @@ def _replaced(place: Any, name: str, value: Any) -> Iterator[None]:
         setattr(place, name, before)
 
 
-def private(module: str, name: str) -> Any:
-    """A private name of Ray for which there is no public interface; None if this version of Ray lacks it."""
+def private_module(name: str) -> Any:
+    """A private module of Ray; None if this version of Ray lacks it."""
     try:
-        return getattr(importlib.import_module(f"ray._private.{module}"), name, None)
+        return importlib.import_module(f"ray._private.{name}")
     except ImportError:
         return None
+
+
+def private(module: str, name: str) -> Any:
+    """A private name of Ray for which there is no public interface; None if this version of Ray lacks it."""
+    return getattr(private_module(module), name, None)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import logging
 import os
 import signal
@@ -15,7 +14,7 @@ from typing import Any
 import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
-from robogauntlet.orchestrator.ray_runtime.parts import private, without_unused_parts
+from robogauntlet.orchestrator.ray_runtime.parts import private, private_module, replaced, without_unused_parts
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
 from robogauntlet.support.secret_variables import SECRETS, is_policy_token, without_secrets
@@ -131,13 +130,10 @@ def _set_environment(variables: Mapping[str, str | None]) -> None:
 @contextlib.contextmanager
 def _on_loopback(applies: bool) -> Iterator[None]:
     """Give Ray the loopback address during the block: it read the environment variable when it was first imported."""
-    constants = importlib.import_module("ray._private.ray_constants")
-    before = getattr(constants, "ENABLE_RAY_CLUSTER", None)
-    constants.ENABLE_RAY_CLUSTER = before and not applies  # type: ignore[attr-defined]
-    try:
+    with (
+        replaced(private_module("ray_constants"), "ENABLE_RAY_CLUSTER", False) if applies else contextlib.nullcontext()
+    ):
         yield
-    finally:
-        constants.ENABLE_RAY_CLUSTER = before  # type: ignore[attr-defined]
 
 
 def _start(address: str | None, workers: int) -> None:
@@ -277,13 +273,18 @@ def answer(reference: Any) -> Any:
             check_alive()
 
 
+def free_resources() -> Mapping[str, Mapping[str, float]]:
+    """What is free on each node, by its id; all that it has where Ray does not say what is free."""
+    import ray
+
+    if (of_nodes := private("state", "available_resources_per_node")) is not None:
+        free: Mapping[str, Mapping[str, float]] = of_nodes()
+        return free
+    return {node["NodeID"]: node["Resources"] for node in ray.nodes() if node["Alive"]}
+
+
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
     """Keep Ray's long messages about dead workers and nodes out of the display; the scheduler reports them."""
-    module = importlib.import_module("ray._private.worker")
-    before = getattr(module, "print_to_stdstream", None)
-    module.print_to_stdstream = lambda *_, **__: None  # type: ignore[attr-defined]
-    try:
+    with replaced(private_module("worker"), "print_to_stdstream", lambda *_, **__: None):
         yield
-    finally:
-        module.print_to_stdstream = before  # type: ignore[attr-defined]

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 import ray
-from ray._private.state import available_resources_per_node
 from ray.exceptions import RayActorError, RayError, RayTaskError
 
 from robogauntlet.adapters import catalog
@@ -24,6 +23,7 @@ from robogauntlet.orchestrator.ray_runtime.session import (
     RayLost,
     check_alive,
     check_room,
+    free_resources,
     in_session,
     workers_that_fit,
 )
@@ -149,7 +149,7 @@ class RayWorkerPool:
         self.check(after_s=0.0)
         options = self._resources.get(simulator, Resources()).ray_options()
         with self._pool_errors():
-            able, free = self._placement.able(catalog.find(simulator)), available_resources_per_node()
+            able, free = self._placement.able(catalog.find(simulator)), free_resources()
         return sum(workers_that_fit(free.get(node, {}), options) for node in able)
 
     def placeable_elsewhere(self, workers: Sequence[worker_pool.Worker]) -> Sequence[RayWorker]:

@@ -10,8 +10,22 @@ import psutil
 import pytest
 
 from robogauntlet.orchestrator.ray_runtime.parts import UNUSED, without_unused_parts
-from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for_workers, workers_that_fit
+from robogauntlet.orchestrator.ray_runtime.session import (
+    WORKER_BYTES,
+    free_resources,
+    room_for_workers,
+    workers_that_fit,
+)
 from tests.processes import GAUNTLET, listening_addresses, run_process, started_by
+
+
+def test_a_ray_without_the_private_names_is_used_by_its_public_ones(monkeypatch):
+    monkeypatch.setattr("robogauntlet.orchestrator.ray_runtime.parts.private_module", lambda name: None)
+    nodes = [{"NodeID": "a", "Alive": True, "Resources": {"CPU": 2.0}}, {"NodeID": "b", "Alive": False}]
+    monkeypatch.setattr("ray.nodes", lambda: nodes)
+    assert free_resources() == {"a": {"CPU": 2.0}}
+    with without_unused_parts():
+        pass
 
 
 @pytest.mark.parametrize(
