@@ -80,7 +80,7 @@ def _kind(name: str, summary: str, policy: type[ZeroPolicy] | type[RandomPolicy]
     def load(options: Mapping[str, Any]) -> ZeroPolicy | RandomPolicy | UntrainedPolicy:
         return policy()
 
-    return PolicyKind(name, summary, load, scripted_digest(name, sys.modules[__name__]))
+    return PolicyKind(name, summary, load, scripted_digest(name, sys.modules[__name__]), no_skill=True)
 
 
 ZERO = _kind("zero", "stands still", ZeroPolicy)

@@ -190,6 +190,8 @@ class PolicyKind:
     """`MODULE:FUNCTION` that imports what the policy needs; `robogauntlet env check` calls it in its environment."""
     files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None
     """Returns the policy's files under these options, for cluster nodes that lack them; None if it needs none."""
+    no_skill: bool = False
+    """Whether its success rates show what chance achieves."""
 
 
 def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:

@@ -151,4 +151,5 @@ REPLAY = PolicyKind(
     digest=_digest,
     options={"demonstrations": "folder of datasets, whose first episodes are played; by default the recorded ones"},
     files=_files,
+    no_skill=True,
 )

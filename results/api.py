@@ -201,10 +201,12 @@ def compare(
         allowed: Differences of the runs that do not prevent the comparison.
 
     Raises:
-        RunError: A folder is not a run folder.
+        RunError: A folder is not a run folder, or both are the same.
         StoreError: Rows cannot be read.
     """
     runs = [given if isinstance(given, OpenRun) else open_run(given) for given in (run, baseline)]
+    if runs[0].folder.resolve() == runs[1].folder.resolve():
+        raise RunError(f"{runs[1].folder}: expected another run to compare with, this is the run itself")
     defaults = runs[0].document.suite.regression
     comparison = compare_runs(
         *(Run(side.folder.absolute().name, side.document, side.episodes(COLUMNS)) for side in runs),

@@ -29,6 +29,7 @@ def check_names(suite: Suite, names: Registry) -> list[Mistake]:
         *_check_simulators(suite, names),
         *_check_programs(suite, names),
         *_check_roles(suite),
+        *_check_references(suite, names),
         *_check_adaptive(suite),
     ]
 
@@ -225,6 +226,24 @@ def _check_roles(suite: Suite) -> Iterator[Mistake]:
                 yield place, f"{place[0]} names policy '{name}' twice; each side is another policy"
 
 
+def _check_references(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    """The oracle gate and the baselines without skill against each other and their kinds."""
+    gate, baselines = suite.oracle_gate, suite.no_skill_baselines
+    for policy in suite.policies:
+        known = names.policies.get(policy.kind)
+        if policy.name == gate and known is not None and known.no_skill:
+            yield ("oracle_gate",), f"oracle_gate: expected an oracle, '{gate}' is a baseline without skill"
+    for i, name in enumerate(baselines):
+        place = ("no_skill_baselines", i)
+        if name in baselines[:i]:
+            yield place, f"no_skill_baselines: duplicate policy '{name}'"
+        elif name == gate:
+            yield place, f"no_skill_baselines: '{name}' is the oracle gate; expected another policy"
+    others = [policy.name for policy in suite.policies if policy.name not in baselines]
+    if suite.needs is None and suite.policies and not others:
+        yield ("no_skill_baselines",), "no_skill_baselines: expected a policy beside the baselines, got none"
+
+
 def _check_adaptive(suite: Suite) -> Iterator[Mistake]:
     if suite.adaptive is None:
         return
@@ -232,3 +251,8 @@ def _check_adaptive(suite: Suite) -> Iterator[Mistake]:
         yield ("adaptive",), "nothing to decide; add compare: {baseline: POLICY, others: [POLICY]}"
     if suite.adaptive.max_seeds < suite.seeds.count:
         yield ("adaptive", "max_seeds"), f"expected {suite.seeds.count} seeds or more, got {suite.adaptive.max_seeds}"
+    if "round" in suite.adaptive.model_fields_set and suite.adaptive.round > suite.adaptive.max_seeds:
+        yield (
+            ("adaptive", "round"),
+            f"adaptive.round: expected {suite.adaptive.max_seeds} seeds at most, got {suite.adaptive.round}",
+        )

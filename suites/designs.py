@@ -49,6 +49,9 @@ class DesignEntry(BaseModel):
         repeated = [axis for i, axis in enumerate(self.axes) if axis in self.axes[:i]]
         if repeated:
             raise ValueError(f"expected each axis once, got '{repeated[0]}' twice")
+        listed = self.severities or ()
+        if twice := [severity for i, severity in enumerate(listed) if severity in listed[:i]]:
+            raise ValueError(f"expected each severity once, got {twice[0]:g} twice")
         wrong = ("max_severity", "points", "seed") if self.kind in LISTED else ("severities",)
         if meaningless := [name for name in wrong if getattr(self, name) is not None]:
             raise ValueError(

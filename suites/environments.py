@@ -12,14 +12,22 @@ from robogauntlet.suites.episode import content_hash
 
 def _version(value: Any) -> Any:
     text = str(value)  # YAML reads 3.11 as a number, and 3.10 as 3.1, which is refused.
-    if not re.fullmatch(r"3\.\d{2}", text):
+    if not re.fullmatch(r"3\.1[0-9]", text):
         raise ValueError('expected a version such as "3.11", in quotes')
     return text
 
 
 def _requirement(value: str) -> str:
+    from packaging import requirements
+
+    expected = "expected a requirement of pip, such as robosuite==1.4.0, and no option"
     if not value.strip() or value.startswith("-") or "\n" in value:
-        raise ValueError("expected a requirement of pip, such as robosuite==1.4.0, and no option")
+        raise ValueError(expected)
+    if "/" not in value and value != ".":  # a folder or a URL is pip's to judge
+        try:
+            requirements.Requirement(value)
+        except requirements.InvalidRequirement:
+            raise ValueError(f"{expected}, got '{value}'") from None
     return value
 
 

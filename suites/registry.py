@@ -26,6 +26,8 @@ class KnownPolicy:
     """Tasks in which it can act, or None for all."""
     has_environment: bool = False
     """Whether it can have its own Python environment."""
+    no_skill: bool = False
+    """Whether it shows what chance achieves."""
 
 
 @dataclass(frozen=True)

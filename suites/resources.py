@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-Positive = Annotated[float, Field(gt=0, le=10_000)]
+Positive = Annotated[float, Field(ge=0.001, le=10_000)]
+"""From a thousandth on, as fine as Ray counts."""
 
 
 class Resources(BaseModel):

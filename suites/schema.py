@@ -253,7 +253,7 @@ class Suite(_Model):
     inference: Inference = Inference()
     max_attempts: Attempts = 3
     """Workers that an episode may crash before it is recorded as an error."""
-    episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
+    episode_time_limit_s: Annotated[float, Field(ge=1, le=86_400)] = 120.0
     error_tolerance: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Share of errors among the planned episodes at which the run ends early."""
     oracle_gate: Name | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -21,6 +22,7 @@ MAX_DIGITS = 100
 PLAIN = frozenset(
     f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str", "seq", "map", "merge")
 )
+_OCTAL = re.compile(r"[-+]?0[0-9_]+")
 NUMBERS = frozenset({"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"})
 
 Place = tuple[str | int, ...]
@@ -136,6 +138,8 @@ def _check(node: yaml.Node) -> None:
         return
     if node.tag in NUMBERS and len(node.value) > MAX_DIGITS:
         raise YamlError(f"expected a number of at most {MAX_DIGITS} characters, found {len(node.value)}", line)
+    if node.tag in NUMBERS and (":" in node.value or _OCTAL.fullmatch(node.value)):
+        raise YamlError(f"expected a decimal number, or text in quotes; found {node.value}, which YAML converts", line)
     if (wrong := next((c for c in node.value if c == "\0" or "\ud800" <= c <= "\udfff"), None)) is not None:
         raise YamlError(f"expected text that UTF-8 can write, found the character U+{ord(wrong):04X}", line)
 

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, print_line
+from robogauntlet.results.store.run_history import SHORTEST_ID
 from robogauntlet.support.errors import BadInput
 
 
 def accept(
-    run: Annotated[str, typer.Argument(help="Name of a run's folder, or the beginning of its id.")],
+    run: Annotated[str, typer.Argument(help=f"Name of a run's folder, or {SHORTEST_ID} or more characters of its id.")],
     url: HistoryUrl = None,
 ) -> None:
     """Make a run the baseline of later runs.

@@ -15,11 +15,8 @@ from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.history_records import RunEntry
-from robogauntlet.results.store.run_history import History
+from robogauntlet.results.store.run_history import SHORTEST_ID
 from robogauntlet.support.errors import BadInput, describe_os_error
-
-SHORTEST_ID = 8
-"""Characters of a run's id that name it; fewer might name another one by mistake."""
 
 
 def forget(
@@ -32,7 +29,9 @@ def forget(
     Its folder stays unless --delete is given, and is not recorded again; importing or continuing the run does.
     """
     with open_history(url) as history:
-        entry = _find(history, Path(run).name)
+        entry = history.find(Path(run).name)
+        if entry is None:
+            raise BadInput(f"no run '{run}' in the history; see: robogauntlet history")
         here = entry.rows_url is not None and entry.rows_url == without_password(history.url)
         if here and not delete:
             raise BadInput(f"{entry.name}: expected --delete, since its rows are in the history's own database")
@@ -52,13 +51,6 @@ def forget(
         print_line(f"its folder stays: {folder}")
     if entry.rows_url is not None and not here:
         print_line(f"its rows stay in {entry.rows_url}")
-
-
-def _find(history: History, name: str) -> RunEntry:
-    entry = history.find(name)
-    if entry is None or (name != entry.name and len(name) < SHORTEST_ID):
-        raise BadInput(f"no run '{name}' in the history; see: robogauntlet history")
-    return entry
 
 
 def _folder_of(entry: RunEntry) -> Path | None:

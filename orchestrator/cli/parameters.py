@@ -71,10 +71,17 @@ def _check_and_process(parameter: Any, process: Callable[..., Any], kind: type, 
         if plain and (message := problem(kind, str(given))) is not None:
             raise typer.BadParameter(message, ctx=context, param=parameter)
     try:
-        return process(context, value)
+        processed = process(context, value)
+        return _through_folders_that_exist(processed) if isinstance(processed, Path) else processed
     except typer.BadParameter as error:
         error.message = _in_our_words(error.message, value)
         raise
+
+
+def _through_folders_that_exist(path: Path) -> Path:
+    """Return a path without `missing/..`: the folder would be made on the way to another one."""
+    steps = (Path(*path.parts[:i]) for i, part in enumerate(path.parts) if part == "..")
+    return path.resolve() if any(not step.exists() for step in steps) else path
 
 
 def _in_our_words(message: str, value: Any) -> str:

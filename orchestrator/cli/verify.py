@@ -62,4 +62,7 @@ def verify(
     if problems:
         fail("\n".join(problems))
         raise typer.Exit(1)
-    out.print(f"{len(stored.sample)} of {counted(stored.rows, 'episode')} replayed: all the same")
+    if stored.sample:
+        out.print(f"{len(stored.sample)} of {counted(stored.rows, 'episode')} replayed: all the same")
+    else:
+        out.print(f"no episode of {stored.rows} replayed")

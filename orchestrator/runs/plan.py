@@ -135,6 +135,7 @@ def load_registry() -> Registry:
                 frozenset(kind.options),
                 kind.tasks() if kind.tasks else None,
                 bool(kind.requirements or kind.without_dependencies),
+                kind.no_skill,
             )
             for kind in policies.kinds().values()
         },

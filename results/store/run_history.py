@@ -31,6 +31,8 @@ ENTRY_COLUMNS = (
     *("verdict", "baseline", "schedule"),
 )
 """Columns of `runs` that an entry has as they are."""
+SHORTEST_ID = 8
+"""Characters of a run's id that name it; fewer might name another one by mistake."""
 NEWEST = 500
 """Runs of a suite that `newest_runs` returns at most."""
 
@@ -187,12 +189,13 @@ class History:
     def find(self, name: str) -> RunEntry | None:
         """The run with this id, else the newest in a folder of this name, else the newest whose id starts like it.
 
-        Raises StoreError.
+        A beginning of an id has `SHORTEST_ID` characters or more. Raises StoreError.
         """
         if not name:
             return None
         called = runs.c.folder.endswith(f"/{name}", autoescape=True)
-        clause = sa.or_(called, runs.c.run_id.startswith(name, autoescape=True))
+        begins = runs.c.run_id.startswith(name, autoescape=True) if len(name) >= SHORTEST_ID else runs.c.run_id == name
+        clause = sa.or_(called, begins)
         rank = sa.case((runs.c.run_id == name, 0), (called, 1), else_=2)
         newest = sa.select(runs.c.run_id).where(clause).order_by(rank, runs.c.started_at.desc()).limit(1)
         return next(iter(self.entries(newest)), None)

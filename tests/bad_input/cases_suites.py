@@ -123,6 +123,11 @@ OTHERS = {
         "[clean, {noise: 2, tabel: 1}]": "unknown condition 'tabel'; did you mean 'table'?",
         "[clean, {axis: noise@-1+table@1, severities: [1]}]": "expected a combination such as camera-orbit@2",
         "[clean, {axis: noise@inf, severities: [1]}]": "expected a combination such as camera-orbit@2",
+        "[clean, {axis: noise, severities: [1.001, 1.002]}]": "got 1.001\ngot 1.002",
+        "[clean, noise@1.005]": "conditions.2: expected a severity in hundredths, such as 1, got 1.005",
+        "[clean, {noise: 4.996, table: 2}]": "conditions.2: expected a severity in hundredths, such as 5, got 4.996",
+        "[clean, 'noise:2']": "conditions.2: expected noise@2, got 'noise:2'",
+        "[clean, noise=2]": "conditions.2: expected noise@2, got 'noise=2'",
         "[clean, noise@0.001]": "expected a severity from 0.01, got 0.001",
         "[clean, {noise: 0.001, table: 2}]": "expected a severity above 0 and up to 5 for 'noise', got 0.001",
         "[clean, noise@2+noise@3]": "conditions.2: expected each axis once, got 'noise' twice",
@@ -147,6 +152,9 @@ OTHERS = {
         "{kind: sobol, axes: [noise], points: 8192}": "expected 10000 conditions at most, got a design of 24576",
         "{kind: sobol, axes: [noise, action-delay], points: 8, max_severity: 9}": "less than or equal to 5, found 9",
         "{kind: grid, axes: [distractors, noise], severities: [1.5]}": "'distractors' has whole severities only",
+        "{kind: grid, axes: [noise], severities: [1, 1]}": "design: expected each severity once, got 1 twice",
+        "{kind: grid, axes: [noise], severities: [1.005]}": "in hundredths, such as 1, got 1.005",
+        "{kind: sobol, axes: [noise], points: 4, max_severity: 4.996}": "in hundredths, such as 5, got 4.996",
         "{kind: grid, axes: [noise], severities: [0.001]}": "expected a severity from 0.01, got 0.001",
         "{kind: sobol, axes: [distractors], points: 4, max_severity: 0.5}": "max_severity from 1",
         "{kind: grid, axes: [a+b, noise]}": "expected the name of an axis, got 'a+b'",
@@ -156,6 +164,8 @@ OTHERS = {
     "seeds": {
         "10": "expected a mapping, found a whole number (10)",
         "{}": "missing key 'count'",
+        "{count: 1:30}": "expected a decimal number, or text in quotes; found 1:30, which YAML converts",
+        "{count: 010}": "expected a decimal number, or text in quotes; found 010, which YAML converts",
         "{cuont: 1}": "missing key 'count'\nunknown key 'cuont'; did you mean 'count'?",
         "[1, 2]": "expected a mapping, found a list",
     },
@@ -193,6 +203,9 @@ OTHERS = {
     "environments": {
         "{'null': {interpreter: /bin/sh}}": "a suite names no program",
         "{'null': {interpreter: python}}": "expected the full path of a Python interpreter",
+        "{'null': {python: '3.99'}}": 'expected a version such as "3.11", in quotes',
+        "{'null': {requirements: [a b c]}}": "expected a requirement of pip, such as robosuite==1.4.0, and no",
+        "{'null': {without_dependencies: ['==1']}}": "expected a requirement of pip",
         "{'null': {python: 3.1}}": 'expected a version such as "3.11", in quotes',
         "{'null': {requirements: [--index-url=http://x]}}": "expected a requirement of pip",
         "{'null': {installer: conda}}": "expected 'pip' or 'uv', found 'conda'",
@@ -204,7 +217,14 @@ OTHERS = {
         "{plaec: worker}": "unknown key 'plaec'; did you mean 'place'?",
         "5": "found a whole number (5)",
     },
+    "episode_time_limit_s": {"1.0e-300": "expected a value greater than or equal to 1, found 1e-300"},
+    "oracle_gate": {
+        "random": "oracle_gate: expected an oracle, 'random' is a baseline without skill",
+        "zero": "expected an oracle, 'zero' is a baseline without skill",
+    },
     "no_skill_baselines": {
+        "[random, random]": "duplicate policy 'random'",
+        "[random, zero]": "no_skill_baselines: expected a policy beside the baselines, got none",
         "[oracle]": "no_skill_baselines names no policy of this suite: 'oracle'",
         "5": "expected a list, found a whole number (5)",
     },
@@ -222,7 +242,11 @@ OTHERS = {
         "{baseline: random, others: [random]}": "compare names policy 'random' twice; each side is another policy",
         "{baseline: random, others: [zeor]}": "compare names no policy of this suite: 'zeor'; did you mean 'zero'?",
     },
-    "adaptive": {"{max_seeds: 9}": "nothing to decide; add compare", "{}": "missing key 'max_seeds'"},
+    "adaptive": {
+        "{max_seeds: 9, round: 99}": "nothing to decide; add compare\nadaptive.round: expected 9 seeds at most, got 99",
+        "{max_seeds: 9}": "nothing to decide; add compare",
+        "{}": "missing key 'max_seeds'",
+    },
     "regression": {"{alfa: 1}": "unknown key 'alfa'", "5": "found a whole number (5)"},
     "y" * 1_000: {"1": "unknown key 'yyy"},
     '"a\\nb\\e[31m"': {"1": "unknown key 'a\\nb\\x1b[31m'"},
@@ -281,6 +305,11 @@ def _wrong_values():
 
 
 ELSEWHERE = [
+    Case(
+        "validate bad.yaml",
+        "no_skill_baselines: 'oracle' is the oracle gate; expected another policy",
+        {"bad.yaml": suite(policies="[oracle, random]", oracle_gate="oracle", no_skill_baselines="[oracle]")},
+    ),
     Case("validate nowhere.yaml", "nowhere.yaml: no such file"),
     Case("validate suit.yaml", "no such file; did you mean suite.yaml?"),
     Case("validate smok", "no such file, and no shipped suite of that name; did you mean 'smoke'?"),

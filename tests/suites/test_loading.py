@@ -257,7 +257,7 @@ def test_internal_tasks_and_policies_are_not_suggested(tmp_path):
         (("name: a-suite", "name: a-suite\nresources: {robosuit: {num_gpus: 1}}"), "2: unknown simulator 'robosuit'; did you mean 'robosuite'?"),
         (("name: a-suite", "name: a-suite\nresources: {robosuite: {gpus: 1}}"), "2: unknown key 'gpus'; did you mean 'num_gpus'?"),
         (("name: a-suite", "name: a-suite\nresources: {robosuite: {num_gpus: -1}}"), "2: resources.robosuite.num_gpus: expected a value greater than or equal to 0, found -1"),
-        (("name: a-suite", "name: a-suite\nresources: {robosuite: {memory_gb: 0}}"), "2: resources.robosuite.memory_gb: expected a value greater than 0, found 0"),
+        (("name: a-suite", "name: a-suite\nresources: {robosuite: {memory_gb: 0}}"), "2: resources.robosuite.memory_gb: expected a value greater than or equal to 0.001, found 0"),
         (("name: a-suite", "name: a-suite\ninference: gpu"), "2: inference.place: expected 'worker', 'served' or 'auto', found 'gpu'"),
         (("name: a-suite", "name: a-suite\ninference: {place: served, batch: 0}"), "2: inference.batch: expected a value greater than or equal to 1, found 0"),
         (("name: a-suite", "name: a-suite\ninference: {plaec: served}"), "2: unknown key 'plaec'; did you mean 'place'?"),

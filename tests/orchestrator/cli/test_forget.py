@@ -53,7 +53,7 @@ def test_a_forgotten_run_comes_back_by_its_import(run_command, runs):
 
 @pytest.mark.parametrize("name", ["wednesday", "1", "1111111", "%", "."])
 def test_a_name_that_might_be_another_runs_is_refused(run_command, runs, name):
-    assert f"no run '{name.strip('.')}' in the history" in run_command("forget", name, "--delete").refusal
+    assert f"no run '{name}' in the history" in run_command("forget", name, "--delete").refusal
     assert listed(run_command) == ["tuesday", "monday"]
 
 

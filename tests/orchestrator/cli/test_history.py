@@ -156,3 +156,13 @@ def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs
     before = (runs / "history.sqlite").read_bytes()
     assert "expected a store of version 3, got version 99" in run_command("history").refusal
     assert (runs / "history.sqlite").read_bytes() == before
+
+
+def test_an_output_beside_a_folder_that_is_not_there_makes_no_such_folder(run_command, runs, tmp_path):
+    assert run_command("export", "runs/monday", "--out", "missing/../monday.robogauntlet").code == 0
+    assert (tmp_path / "monday.robogauntlet").is_file()
+    assert not (tmp_path / "missing").exists()
+
+
+def test_a_check_of_rows_alone_does_not_say_that_episodes_were_replayed(run_command, runs):
+    assert run_command("verify", "runs/monday", "--sample", "0").out.endswith("no episode of 160 replayed\n")
