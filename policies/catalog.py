@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from robogauntlet.policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
+from robogauntlet.policies.contract import Policy, PolicyError, PolicyKind, PolicySpec, Wishes
 from robogauntlet.suites.plugins import BrokenPlugin, Plugins, did_you_mean
 
 GROUP = "robogauntlet.policies"
@@ -44,6 +44,12 @@ def spec(kind: str, options: Mapping[str, Any]) -> PolicySpec:
     """Return a policy's spec. Raises PolicyError as `load` does."""
     policy_kind = find(kind)
     return policy_kind.spec(options) if policy_kind.spec is not None else policy_kind.load(options).spec
+
+
+def wishes(kind: str, options: Mapping[str, Any]) -> Wishes:
+    """Return what a policy asks of a suite. Raises PolicyError as `load` does."""
+    asked = find(kind).wishes
+    return Wishes() if asked is None else asked(options)
 
 
 def digest(kind: str, options: Mapping[str, Any]) -> str:

@@ -80,6 +80,16 @@ class PolicySpec:
 
 
 @dataclass(frozen=True)
+class Wishes:
+    """What a policy asks of a suite, which decides where the suite states it. Else the suite does as asked."""
+
+    image_size: int | None = None
+    """Height and width (px) of frames that are not enlarged for it, or None for any."""
+    execute: int | None = None
+    """Actions of a chunk that are executed before it is asked again, or None for what the suite says."""
+
+
+@dataclass(frozen=True)
 class Query:
     """A request for the next action chunk of one episode."""
 
@@ -175,6 +185,8 @@ class PolicyKind:
     spec: Callable[[Mapping[str, Any]], PolicySpec] | None = None
     """Returns the policy's spec under these options, faster than loading does or without the GPU that it needs; None to
     load the policy for it."""
+    wishes: Callable[[Mapping[str, Any]], Wishes] | None = None
+    """Returns what the policy asks of a suite under these options, without importing or contacting anything."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to its meaning. Other options in a suite are errors."""
     modules: tuple[str, ...] = ()

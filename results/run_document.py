@@ -171,6 +171,8 @@ class RunDocument(_Model):
     unsupported: tuple[Unsupported, ...] = ()
     tasks_left_out: tuple[Text, ...] = ()
     """Tasks of the suite in which a policy that was added to it cannot act."""
+    warnings: tuple[Text, ...] = ()
+    """What a reader of the numbers must know of how its policies were played, a sentence each."""
     instructions: dict[str, Text] = Field(default_factory=dict)
     """Task to its instruction."""
     robots: dict[str, Text] = Field(default_factory=dict)

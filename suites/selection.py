@@ -10,6 +10,10 @@ from typing import Any
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import CompareEntry, MergingEntry, Seeds, Suite
 
+REPLACING = ("success", "workers")
+SETTINGS = ("success", "image_size", "replan_every", "render_profile", "workers")
+"""Keys of a suite that the command line can give too; it replaces those of `REPLACING`, the others must not differ."""
+
 
 class SelectionError(Exception):
     """The selection matches nothing in the suite."""
@@ -28,7 +32,22 @@ class SuiteSelection:
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of those policies that the suite lacks."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Keys of the suite to the values that take the place of its own."""
+    """Keys of `SETTINGS` to their values."""
+
+    def set_in(self, suite: Suite) -> Suite:
+        """Return the suite with the settings, of which those of `REPLACING` may replace what it states.
+
+        Raises:
+            SelectionError: The suite states another value.
+        """
+        for name, value in self.settings.items():
+            own = getattr(suite, name)
+            if name in suite.model_fields_set and own != value and name not in REPLACING:
+                raise SelectionError(
+                    f"{option_of(name)} {value}: expected no other value than that of the suite, which states "
+                    f"{name}: {own}; leave the option out, or change the suite"
+                )
+        return suite.model_copy(update=dict(self.settings)) if self.settings else suite
 
     def apply_to(self, suite: Suite) -> Suite:
         """Return the selected part of a suite with expanded task patterns; comparisons need all their policies.
@@ -53,9 +72,13 @@ class SuiteSelection:
                 "adaptive": suite.adaptive if merging or compare else None,
                 "oracle_gate": suite.oracle_gate if suite.oracle_gate in names else None,
                 "no_skill_baselines": tuple(name for name in suite.no_skill_baselines if name in names),
-                **self.settings,
             }
         )
+
+
+def option_of(setting: str) -> str:
+    """Return the option of a setting on the command line."""
+    return f"--{setting.replace('_', '-')}"
 
 
 def _within(sides: MergingEntry | CompareEntry | None, names: set[str]) -> bool:

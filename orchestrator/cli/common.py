@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 
 from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.orchestrator.cli.parameters import WHOLE
 from robogauntlet.orchestrator.runs.composition import RUNS
 from robogauntlet.orchestrator.runs.suite_policies import PlanError
 from robogauntlet.policies.contract import PolicyError
@@ -23,10 +24,10 @@ from robogauntlet.results.run_document import RUN_FILE, RunError
 from robogauntlet.results.store.database import StoreError, parse
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.run_history import History, history_url
-from robogauntlet.suites.episode import SuccessRule
+from robogauntlet.suites.episode import RenderProfile, SuccessRule
 from robogauntlet.suites.loading import SuiteError
-from robogauntlet.suites.ranges import MAX_SEEDS
-from robogauntlet.suites.selection import SelectionError
+from robogauntlet.suites.ranges import LARGEST_IMAGE, MAX_SEEDS, MAX_STEPS, MAX_WORKERS, SMALLEST_IMAGE
+from robogauntlet.suites.selection import SETTINGS, SelectionError
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import visible
 
@@ -77,6 +78,32 @@ Success = Annotated[
         show_default=False,
     ),
 ]
+ImageSizeSetting = Annotated[
+    int | None,
+    typer.Option(
+        "--image-size",
+        min=SMALLEST_IMAGE,
+        max=LARGEST_IMAGE,
+        help="Height and width of frames (px), if the suite does not state it; by default as the policies ask.",
+    ),
+]
+ReplanEvery = Annotated[
+    int | None,
+    typer.Option(
+        "--replan-every",
+        min=1,
+        max=MAX_STEPS,
+        help="Actions of a chunk that are executed before the policy is asked again, if the suite does not state it.",
+    ),
+]
+RenderProfileSetting = Annotated[
+    RenderProfile | None,
+    typer.Option("--render-profile", help="Detail of rendering, if the suite does not state it."),
+]
+WorkersSetting = Annotated[
+    str | None,
+    typer.Option("--workers", metavar="N|auto", help="Worker processes of each simulator, whatever the suite states."),
+]
 PolicyOptions = Annotated[
     list[str] | None,
     typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable."),
@@ -109,6 +136,21 @@ HistoryUrl = Annotated[
         help="URL of the history, the store that lists all runs; by default history.sqlite beside the run folders.",
     ),
 ]
+
+
+def suite_settings(
+    success: SuccessRule | None,
+    image_size: int | None,
+    replan_every: int | None,
+    render_profile: RenderProfile | None,
+    workers: str | None,
+) -> dict[str, Any]:
+    """Return what is given of `SETTINGS`, as in a suite. Raises BadInput if `workers` is no number and not `auto`."""
+    count: int | str | None = int(workers) if workers is not None and WHOLE.fullmatch(workers) else workers
+    if (isinstance(count, int) and not 1 <= count <= MAX_WORKERS) or (isinstance(count, str) and count != "auto"):
+        raise BadInput(f"--workers: expected auto, or a number from 1 to {MAX_WORKERS}, got '{workers}'")
+    given = dict(zip(SETTINGS, (success, image_size, replan_every, render_profile, count), strict=True))
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def fail(message: str) -> None:

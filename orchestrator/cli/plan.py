@@ -12,17 +12,22 @@ from rich.table import Table
 from robogauntlet.orchestrator.cli.common import (
     AsJson,
     Check,
+    ImageSizeSetting,
     Policies,
     PolicyOptions,
+    RenderProfileSetting,
+    ReplanEvery,
     SeedCount,
     StoreUrl,
     Success,
     SuiteArgument,
     Tasks,
+    WorkersSetting,
     fail,
     out,
     print_json,
     print_line,
+    suite_settings,
 )
 from robogauntlet.orchestrator.cli.episodes_needed import (
     Asked,
@@ -51,6 +56,10 @@ def plan(
     task: Tasks = None,
     seeds: SeedCount = None,
     success: Success = None,
+    image_size: ImageSizeSetting = None,
+    replan_every: ReplanEvery = None,
+    render_profile: RenderProfileSetting = None,
+    workers: WorkersSetting = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Folder of a run of the suite: show the episodes that it lacks.")
     ] = None,
@@ -71,7 +80,7 @@ def plan(
     of a run (--out) or from an assumption.
     """
     asked = Asked.from_options(width, detect, rate, discordance)
-    settings = {} if success is None else {"success": success}
+    settings = suite_settings(success, image_size, replan_every, render_profile, workers)
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()), settings)
     planned = make_plan(find_suite(suite), part=part, require_installed=False, start=check)
     if planned.suite.needs is not None:
@@ -106,7 +115,7 @@ def plan(
             "to_play": total,
         }
         found |= needed | {"cells": rows, "skipped": planned.unavailable, "unchecked": planned.unchecked}
-        print_json(found | {"left_out": planned.left_out})
+        print_json(found | {"left_out": planned.left_out, "warnings": planned.warnings})
         return
     if not needed:
         table = Table(*rows[0], box=None, pad_edge=False)
@@ -121,6 +130,8 @@ def plan(
         print_answer(needed, planned.suite.seeds.count)
     for change in fitted(planned):
         print_line(change)
+    for warning in planned.warnings:
+        fail(warning)
     for name, reason in planned.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     for name, reason in planned.unchecked.items():

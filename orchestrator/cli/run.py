@@ -15,15 +15,20 @@ from robogauntlet.orchestrator.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_STOPPED,
     HistoryUrl,
+    ImageSizeSetting,
     Policies,
     PolicyOptions,
+    RenderProfileSetting,
+    ReplanEvery,
     SeedCount,
     Success,
     Tasks,
     Trust,
+    WorkersSetting,
     fail,
     out,
     print_line,
+    suite_settings,
 )
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
@@ -41,7 +46,7 @@ from robogauntlet.policies.references import option_text, read_options, read_ref
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.run_history import history_url
-from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.suites.selection import SuiteSelection, option_of
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted
@@ -66,6 +71,10 @@ def run(
         ),
     ] = None,
     success: Success = None,
+    image_size: ImageSizeSetting = None,
+    replan_every: ReplanEvery = None,
+    render_profile: RenderProfileSetting = None,
+    workers: WorkersSetting = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Run folder; a run of the same suite that is in it is continued.")
     ] = None,
@@ -119,7 +128,7 @@ def run(
         require_trust(read_run(out_folder), out_folder, trust=trust)
     tracker = None if log is None else LiveTracker(read_tracker(log), log_project)
     policy_options, part = read_options(option or ()), SuiteSelection()
-    settings = {name: value for name, value in {"success": success}.items() if value is not None}
+    settings = suite_settings(success, image_size, replan_every, render_profile, workers)
     if suite is not None and _is_task(suite):
         task, suite = [suite, *(task or ())], None
     if suite is None:
@@ -133,7 +142,7 @@ def run(
             conditions=condition or (),
             folder=out_folder,
             only=required,
-            settings={name: str(value) for name, value in settings.items()},
+            settings=settings,
         )
     elif condition:
         raise BadInput(
@@ -154,6 +163,8 @@ def run(
     print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} into {folder}")
     for line in (*fitted(plan), *given_variables(plan.sources)):
         print_line(line)
+    for warning in plan.warnings:
+        fail(warning)
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)
@@ -192,7 +203,7 @@ def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, 
     arguments += [argument for name in part.tasks for argument in ("--task", name)]
     arguments += [] if part.seeds is None else ["--seeds", str(part.seeds)]
     for name, value in part.settings.items():
-        arguments += [f"--{name.replace('_', '-')}", str(value)]
+        arguments += [option_of(name), str(value)]
     arguments += ["--out", str(folder)]
     arguments += ["--store", without_password(store)] if store is not None and STORE_VARIABLE not in os.environ else []
     arguments += ["--address", address] if address is not None else []

@@ -52,6 +52,8 @@ def _notes(plan: Plan) -> Iterator[str]:
         suite = plan.suite
         episodes = len(suite.tasks) * len(suite.all_conditions()) * suite.seeds.count * (1 + len(suite.policies))
         yield f"needs a policy, to play {counted(episodes, 'episode')}; add --policy to robogauntlet run"
+    yield from plan.notes
+    yield from plan.warnings
     for simulator, reason in plan.unavailable.items():
         yield f"simulator {simulator}: {reason}"
     if plan.unchecked:

@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.policy_kit import actions, joints, motion, observ
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.orchestrator.policy_kit.picture import draw_picture
 from robogauntlet.orchestrator.policy_kit.recording import InvalidAnswer, Play, play
+from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import (
     Policy,
     PolicyError,
@@ -25,6 +26,7 @@ from robogauntlet.policies.contract import (
     PolicyMismatch,
     PolicySpec,
     Query,
+    Wishes,
     check_fit,
     check_tasks,
 )
@@ -34,6 +36,7 @@ from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, View
 STEPS = 40
 """Control steps of an episode, unless the task's horizon is shorter."""
 IMAGE_SIZE = View().image_size
+REPLAN_EVERY = Protocol(STEPS).replan_every
 GIVEN = {
     PolicyInput.NOTHING: "nothing of the scene: no images, no state",
     PolicyInput.PRIVILEGED_STATE: "the true state instead of images",
@@ -50,7 +53,7 @@ class Probe:
     """`simulator/task`."""
     seed: int = 0
     image_size: int | None = None
-    """Height and width of images (px) for policies that take any; None for those of a suite."""
+    """Height and width of frames (px); None for what the policy asks for, or else that of a suite."""
 
 
 def check_policy(probe: Probe) -> Iterator[Finding | Image]:
@@ -85,8 +88,12 @@ def _view(probe: Probe, spec: PolicySpec) -> View:
     simulator, _, name = probe.task.partition("/")
     tasks = simulators.find(simulator).tasks
     offered = tasks[name].cameras if name in tasks else CAMERAS
-    size = spec.image_size or probe.image_size or IMAGE_SIZE
+    size = spec.image_size or probe.image_size or _wishes(probe).image_size or IMAGE_SIZE
     return View(tuple(camera for camera in CAMERAS if camera in offered), size)
+
+
+def _wishes(probe: Probe) -> Wishes:
+    return catalog.wishes(probe.source.kind, probe.source.options)
 
 
 def _close(policy: Policy) -> None:
@@ -140,6 +147,7 @@ class _Check:
         shown = [] if policy.spec.sees is not PolicyInput.OBSERVATION else self._images(first)
         if shown:
             yield _sent(shown[0][1])
+            yield from _enlarged(simulation.observation_spec.image_size, _wishes(probe).image_size)
             yield from observation.sensitivity(policy, first.answers)
         else:
             yield Finding("input", Level.NOTE, f"the policy gets {GIVEN[policy.spec.sees]}")
@@ -151,7 +159,8 @@ class _Check:
         probe, spec = self._probe, self._simulation.observation_spec
         simulator, _, name = probe.task.partition("/")
         horizon = min(STEPS, simulators.find(simulator).tasks[name].horizon)
-        protocol = Protocol(horizon, view=View(spec.cameras, spec.image_size))
+        view = View(spec.cameras, spec.image_size)
+        protocol = Protocol(horizon, max(REPLAN_EVERY, _wishes(probe).execute or 0), view)
         return Episode(probe.name, probe.source.digest or "", probe.task, probe.seed + number, protocol)
 
     def _images(self, played: Play) -> list[tuple[str, Mapping[str, Image]]]:
@@ -165,6 +174,12 @@ class _Check:
             return self._policy.images_sent(query)
         assert query.observation is not None
         return query.observation.images
+
+
+def _enlarged(rendered: int, asked: int | None) -> Iterator[Finding]:
+    if asked is not None and asked > rendered:
+        text = f"frames are rendered at {rendered} px and enlarged to {asked}; leave --image-size out"
+        yield Finding("images", Level.WARNING, text, {"rendered_px": float(rendered), "asked_px": float(asked)})
 
 
 def _sent(images: Mapping[str, Image]) -> Finding:

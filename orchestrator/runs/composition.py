@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
+from enum import StrEnum
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,7 @@ def compose_plan(
             f"{', '.join(sorted(clash))}: expected further keys of a suite, got one that other arguments give"
         )
     suite |= {"cameras": list(shared)} if (shared := _shared_cameras(tasks)) not in ((), CAMERAS) else {}
-    suite |= settings or {}
+    suite |= {name: str(value) if isinstance(value, StrEnum) else value for name, value in (settings or {}).items()}
     folder = folder or new_run_folder(name)
     try:
         text = yaml.safe_dump(suite, sort_keys=False, allow_unicode=True)

@@ -54,8 +54,10 @@ class Plan:
     installed, a server does not answer, or nothing was started."""
     left_out: tuple[str, ...] = ()
     """Tasks of a suite that needs a policy in which a policy that was added to it cannot act."""
-    own_image_size: int | None = None
-    """Image size (px) of the suite file, if its only policy needs another."""
+    notes: tuple[str, ...] = ()
+    """What of the suite was chosen as its policies ask, a line each."""
+    warnings: tuple[str, ...] = ()
+    """What its policies ask for and do not get, a line each."""
     environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
     """The environment of each simulator."""
 
@@ -86,13 +88,11 @@ class Plan:
 
 
 def fitted(plan: Plan) -> Iterator[str]:
-    """Yield a line for each change to a suite that needs a policy which makes it fit the policy."""
+    """Yield a line for each change to a suite which makes it fit its policies."""
     if plan.left_out:
         tasks = counted(len(plan.left_out), "task")
         yield f"{plan.suite.name}: {tasks} left out, in which a policy cannot act: {first_of(plan.left_out)}"
-    if plan.own_image_size:
-        size = f"{plan.suite.image_size} px, which the policy needs, instead of {plan.own_image_size} px"
-        yield f"{plan.suite.name}: images of {size}"
+    yield from (f"{plan.suite.name}: {note}" for note in plan.notes)
 
 
 def find_suite(name: str) -> Path:
@@ -181,6 +181,10 @@ def make_plan(
         known = list(rest.tasks) != REQUIRED["tasks"]
         others = find_policies(rest, EnvironmentResolver(rest.environments), start=start, tasks_are_known=known)
         raise SuiteError([*error.problems, *others.problems(path, _text(path, text))], rest) from None
+    try:
+        loaded = part.set_in(loaded)
+    except SelectionError as error:
+        raise PlanError(f"{path}: {error}") from None
     whole, part = add_policies(loaded, part, path)
     if require_installed and whole.needs is not None:
         raise PlanError(needs_policy(path))
@@ -238,7 +242,8 @@ def make_plan(
         unchecked=found.unchecked,
         unsupported=unsupported,
         left_out=tuple(task for task in chosen if task not in suite.tasks),
-        own_image_size=loaded.image_size if loaded.image_size != suite.image_size else None,
+        notes=found.notes,
+        warnings=found.warnings,
         environments=environments,
     )
 

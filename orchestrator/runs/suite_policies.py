@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import TypeGuard
 
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.adapters.contract import ActionSpec, Joint, ObservationSpec, TaskDescription
@@ -14,11 +16,13 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.first_answer import check_first_answer
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import (
+    Policy,
     PolicyError,
     PolicyMismatch,
     PolicyNotInstalled,
     PolicySpec,
     PolicyUnreachable,
+    Wishes,
     check_fit,
     check_tasks,
 )
@@ -34,6 +38,7 @@ from robogauntlet.support.errors import BadInput, UserError
 
 NOT_STARTED = "nothing that a suite names is imported or contacted; --check does"
 """Why a policy was not checked."""
+NO_WISHES = Wishes()
 
 
 class PlanError(UserError):
@@ -45,12 +50,16 @@ class SuitePolicies:
     """The policies of a suite."""
 
     suite: Suite
-    """The suite, fitted to its policies if that was asked for."""
+    """The suite, with what its policies ask for where it states nothing, and fitted to them if that was asked for."""
     sources: Mapping[str, PolicySource]
     unchecked: Mapping[str, str]
     """Policies of which it is unknown whether they fit the suite, each with the reason."""
     mistakes: Sequence[tuple[str, str]]
     """Name and message of each that cannot be used."""
+    notes: tuple[str, ...] = ()
+    """What of the suite was chosen as they ask, a line each."""
+    warnings: tuple[str, ...] = ()
+    """What they ask for in vain, a line each."""
 
     def problems(self, path: Path, text: str) -> list[Problem]:
         """The mistakes with their lines in the suite file of this text."""
@@ -115,47 +124,69 @@ def find_policies(
         environments: The environments of policies.
         start: Whether to import code that the suite names, contact its servers and start interpreters.
         ask: Whether to ask functions once.
-        fit: Whether the suite leaves out tasks in which one of its policies cannot act, and takes the image size of the
-            only one that is no reference policy, which then comes first.
+        fit: Whether the suite leaves out tasks in which one of its policies cannot act, and takes the image size that
+            the only one needs that is no reference policy, also where it states another.
         tasks_are_known: Whether a policy that does not fit the suite is a mistake; not where tasks stand in for wrong
             ones.
     """
-    sources: dict[str, PolicySource] = {}
-    unchecked: dict[str, str] = {}
-    mistakes: list[tuple[str, str]] = []
+    given, unchecked, found = suite, {}, {}
+    mistakes: dict[str, list[str]] = {entry.name: [] for entry in suite.policies}
     names_by_digest: dict[str, str] = {}
-    for entry in suite.policies:
+
+    @contextmanager
+    def noting_mistakes(name: str) -> Iterator[None]:
         try:
-            source, reason, suite = (
-                _find(entry, suite, environments, ask=ask, fit=fit)
-                if start
-                else _find_without_start(entry, suite, environments, fit=fit)
-            )
+            yield
         except PolicyMismatch as error:
             if tasks_are_known:
-                mistakes.append((entry.name, f"policy '{entry.name}' does not fit: {error.reason}"))
-            continue
+                mistakes[name].append(f"policy '{name}' does not fit: {error.reason}")
         except PolicyError as error:
-            mistakes.append((entry.name, f"policy '{entry.name}': {error.reason}"))
+            mistakes[name].append(f"policy '{name}': {error.reason}")
+
+    for entry in suite.policies:
+        with noting_mistakes(entry.name):
+            one = found[entry.name] = (_find if start else _find_without_start)(entry, environments)
+            suite = _fitted(suite, entry, one.spec) if fit and one.spec is not None else suite
+    suite, notes, warnings = _as_wished(suite, found)
+    if suite.image_size != given.image_size and "image_size" in given.model_fields_set:
+        notes.append(f"images of {suite.image_size} px, which the policy needs, instead of {given.image_size} px")
+    for name, one in found.items():
+        with noting_mistakes(name):
+            if one.spec is not None:
+                _check_fit(one.spec, suite)
+            if ask and isinstance(one.policy, FunctionPolicy | StatefulFunctionPolicy):
+                for task in one_of_each_body(suite.tasks):
+                    check_first_answer(name, one.policy.ask, suite.view, task)
+        if one.reason:
+            unchecked[name] = one.reason
+        if one.source.digest is None or mistakes[name]:
             continue
-        sources[entry.name] = source
-        if reason:
-            unchecked[entry.name] = reason
-        if source.digest is None:
-            continue
-        if (first := names_by_digest.setdefault(str(source.digest), entry.name)) != entry.name:
-            mistakes.append((entry.name, f"policies '{first}' and '{entry.name}' are the same policy; remove one"))
-    return SuitePolicies(suite, sources, unchecked, mistakes)
+        if (first := names_by_digest.setdefault(str(one.source.digest), name)) != name:
+            mistakes[name].append(f"policies '{first}' and '{name}' are the same policy; remove one")
+    sources = {name: one.source for name, one in found.items()}
+    listed = [(name, message) for name, messages in mistakes.items() for message in messages]
+    return SuitePolicies(suite, sources, unchecked, listed, tuple(notes), tuple(warnings))
 
 
-def _find(
-    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, ask: bool, fit: bool
-) -> tuple[PolicySource, str, Suite]:
-    """Find what a policy is built from, why it was not checked ("" if it was), and the suite, fitted if `fit`.
+@dataclass(frozen=True)
+class _Found:
+    """What is known of a policy."""
+
+    source: PolicySource
+    reason: str = ""
+    """Why it was not checked ("" if it was)."""
+    spec: PolicySpec | None = None
+    wishes: Wishes = NO_WISHES
+    policy: Policy | None = None
+    """Itself, if it was loaded."""
+
+
+def _find(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:
+    """Find what a policy is built from, and what it needs.
 
     Raises:
         PolicyError: The policy cannot be used.
-        PolicyMismatch: It does not fit the suite.
+        PolicyMismatch: Its options do not fit each other.
     """
     kind = policies.find(entry.kind)
     try:
@@ -164,55 +195,90 @@ def _find(
         try:
             with without_downloads():
                 digest = (kind.digest_without_start or kind.digest)(entry.options)
+                wishes = policies.wishes(entry.kind, entry.options)
         except (PolicyNotInstalled, OnHub):
             raise error from None
-        return PolicySource(entry.kind, entry.options, digest), str(error), suite
+        return _Found(PolicySource(entry.kind, entry.options, digest), str(error), wishes=wishes)
+    wishes = policies.wishes(entry.kind, options)
     try:
         source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
     except PolicyUnreachable as error:
-        return PolicySource(entry.kind, options), str(error), suite
+        return _Found(PolicySource(entry.kind, options), str(error), wishes=wishes)
     try:
         policy = None if kind.spec else policies.load(entry.kind, options)
         spec = policies.spec(entry.kind, options) if policy is None else policy.spec
     except PolicyNotInstalled as error:
-        return source, str(error), suite
-    suite = _fitted(suite, entry, spec) if fit else suite
-    _check_fit(spec, suite)
-    if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
-        for task in one_of_each_body(suite.tasks):
-            check_first_answer(entry.name, policy.ask, suite.view, task)
-    return source, "", suite
+        return _Found(source, str(error), wishes=wishes)
+    return _Found(source, "", spec, wishes, policy)
 
 
-def _find_without_start(
-    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, fit: bool
-) -> tuple[PolicySource, str, Suite]:
+def _find_without_start(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:
     """The same, without importing, contacting or starting anything that the suite names."""
-    kind, reason, digest = policies.find(entry.kind), "", None
+    kind, reason, digest, wishes = policies.find(entry.kind), "", None, NO_WISHES
     if kind.digest_without_start:
         has_own = bool(kind.requirements or kind.without_dependencies) and "python" not in entry.options
         reason = (environments.missing_file(kind) if has_own else None) or NOT_STARTED
     try:
         with without_downloads():
             digest = (kind.digest_without_start or kind.digest)(entry.options)
+            wishes = policies.wishes(entry.kind, entry.options)
             spec = None if reason else policies.spec(entry.kind, entry.options)
     except OnHub:
-        return PolicySource(entry.kind, entry.options), reason or NOT_STARTED, suite
+        return _Found(PolicySource(entry.kind, entry.options), reason or NOT_STARTED)
     except PolicyNotInstalled as error:
         digest, spec, reason = kind.digest(entry.options) if digest is None else digest, None, str(error)
-    if spec is not None:
-        suite = _fitted(suite, entry, spec) if fit else suite
-        _check_fit(spec, suite)
-    return PolicySource(entry.kind, entry.options, digest), reason, suite
+    return _Found(PolicySource(entry.kind, entry.options, digest), reason, spec, wishes)
 
 
 def _fitted(suite: Suite, entry: PolicyEntry, spec: PolicySpec) -> Suite:
     """The suite without the tasks in which a policy cannot act, in its image size if no other is measured."""
     measured = [policy.name for policy in suite.policies if policy.name not in suite.reference_policies]
-    size = spec.image_size if measured == [entry.name] else None
-    if size is not None and SMALLEST_IMAGE <= size <= LARGEST_IMAGE:
-        suite = suite.model_copy(update={"image_size": size})
+    if measured == [entry.name] and "image_size" in suite.model_fields_set and _is_image_size(spec.image_size):
+        suite = suite.model_copy(update={"image_size": spec.image_size})
     return of_tasks(suite, spec.can_act_in)
+
+
+def _is_image_size(size: int | None) -> TypeGuard[int]:
+    return size is not None and SMALLEST_IMAGE <= size <= LARGEST_IMAGE
+
+
+def _as_wished(suite: Suite, found: Mapping[str, _Found]) -> tuple[Suite, list[str], list[str]]:
+    """The suite with what its policies ask for where it states nothing; what was chosen, and what they do not get.
+
+    All policies play the same episodes, or they would be no pairs: frames have the size that is needed, or the largest
+    that is asked for, and as many actions are executed as the one asks that asks for most.
+    """
+    notes, warnings = [], []
+    needed = {name: size for name, one in found.items() if one.spec and _is_image_size(size := one.spec.image_size)}
+    asked = {name: size for name, one in found.items() if _is_image_size(size := one.wishes.image_size)}
+    sizes, remedy = needed or asked, "play it in another suite" if needed else "set image_size: {}"
+    if "image_size" in suite.model_fields_set:
+        remedy = "set image_size: {}"
+    elif sizes:
+        first = max(sizes, key=lambda name: sizes[name])
+        smaller = [f"'{name}' asks for {size}" for name, size in (asked | needed).items() if size < sizes[first]]
+        if sizes[first] != suite.image_size or smaller:
+            others = f"; all policies play the same episodes, {', '.join(smaller)}" if smaller else ""
+            notes.append(f"frames are rendered at {sizes[first]} px, as policy '{first}' asks{others}")
+        suite = suite.model_copy(update={"image_size": sizes[first]})
+    warnings += [
+        f"frames are rendered at {suite.image_size} px and enlarged to {size} for policy '{name}'; "
+        + remedy.format(size)
+        for name, size in asked.items()
+        if size > suite.image_size
+    ]
+    counts = {name: one.wishes.execute for name, one in found.items() if one.wishes.execute is not None}
+    most = max(counts, key=lambda name: counts[name], default="")
+    if "replan_every" not in suite.model_fields_set and counts and counts[most] > suite.replan_every:
+        suite = suite.model_copy(update={"replan_every": counts[most]})
+        notes.append(f"replan_every is {counts[most]} for all policies, as policy '{most}' asks")
+    warnings += [
+        f"replan_every: {suite.replan_every} is smaller than the {count} actions of a chunk that policy '{name}' asks "
+        f"to execute; set replan_every: {count}"
+        for name, count in counts.items()
+        if count > suite.replan_every
+    ]
+    return suite, notes, warnings
 
 
 def one_of_each_body(tasks: Iterable[str]) -> list[TaskDescription]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
+from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec, Wishes
 from robogauntlet.policies.lerobot.checkpoint import NAME, OPTIONS, files, read_checkpoint
 
 
@@ -23,6 +24,11 @@ def _spec(options: Mapping[str, Any]) -> PolicySpec:
     return read_checkpoint(options).spec
 
 
+def _wishes(options: Mapping[str, Any]) -> Wishes:
+    checkpoint = read_checkpoint(options)
+    return replace(checkpoint.options.wishes, execute=checkpoint.spec.chunk_length)
+
+
 def _files(options: Mapping[str, Any]) -> PolicyFiles:
     folder = read_checkpoint(options).folder
     return PolicyFiles({"checkpoint": folder}, files(folder))
@@ -35,6 +41,7 @@ KIND = PolicyKind(
     digest=_digest,
     digest_without_start=_digest,
     spec=_spec,
+    wishes=_wishes,
     options=OPTIONS,
     files=_files,
     modules=("lerobot",),

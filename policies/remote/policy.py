@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from robogauntlet.policies.contract import PolicyKind, PolicyNotInstalled, PolicySpec
+from robogauntlet.policies.contract import PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
 from robogauntlet.policies.remote.server_options import NAME, OPTIONS, read_options
 
 if TYPE_CHECKING:
@@ -43,6 +43,10 @@ def _spec(options: Mapping[str, Any]) -> PolicySpec:
         return policy.spec
 
 
+def _wishes(options: Mapping[str, Any]) -> Wishes:
+    return read_options(options).wishes
+
+
 KIND = PolicyKind(
     name=NAME,
     summary="a policy behind a websocket, in openpi's protocol",
@@ -50,5 +54,6 @@ KIND = PolicyKind(
     digest=_digest,
     digest_without_start=_digest_by_identity,
     spec=_spec,
+    wishes=_wishes,
     options=OPTIONS,
 )

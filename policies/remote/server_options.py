@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from robogauntlet.adapters.contract import ACTION_DIM
-from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.contract import PolicyError, Wishes
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
@@ -57,7 +57,7 @@ class Convention(BaseModel):
     instruction: Key | None = INSTRUCTION_KEY
     """key of the goal in words; null to leave it out"""
     image_size: Size | tuple[Size, Size] | None = None
-    """px, or [height, width]; by default as rendered"""
+    """px, or [height, width], in which frames are rendered unless the suite states another; by default as rendered"""
     resize: Literal["pad", "stretch"] = "pad"
     """pad (keeps the shape) or stretch"""
     turn: Literal["none", "half", "left-right", "upside-down"] = "none"
@@ -85,7 +85,8 @@ class Convention(BaseModel):
     joint_scale: float | tuple[float, ...] = 1.0
     """radians per unit of a joint, in the answer and in what is sent: of all, or a list"""
     execute: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
-    """actions of a chunk that are executed at most; fewer in an answer are an error"""
+    """actions of a chunk that are executed, unless the suite states a smaller replan_every; fewer in an answer are an
+    error"""
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
@@ -129,6 +130,14 @@ class Convention(BaseModel):
     def has_joints(self) -> bool:
         """Whether the answer has targets of joints, by option or convention."""
         return bool(self.joints or "joints" in PRESETS.get(self.convention, {}))
+
+    @property
+    def wishes(self) -> Wishes:
+        """What the policy asks of a suite."""
+        size = self.image_size
+        if isinstance(size, tuple):
+            size = min(size) if self.resize == "pad" else max(size)
+        return Wishes(size, self.execute)
 
     @property
     def turns_by_quaternion(self) -> bool:

@@ -33,6 +33,7 @@ def render_markdown(report: Report) -> str:
         f"# {escape(document.suite.name)}",
         f"**{facts.status_word(document)}**: {escape(facts.verdict(document, tables))}",
     ]
+    parts += [f"**Warning**: {escape(warning)}." for warning in document.warnings]
     if document.suite.description:
         parts.append(escape(document.suite.description))
     if not tables.total.done:

@@ -7,6 +7,8 @@ from tests.bad_input.case import Case, table
 WHOLE_NUMBERS = (
     ("run suite.yaml", "--seeds", "0", "10000001"),
     ("plan suite.yaml", "--seeds", "0", "10000001"),
+    *((command, "--image-size", "15", "1025") for command in ("run suite.yaml", "plan suite.yaml")),
+    *((command, "--replan-every", "0", "1000001") for command in ("run suite.yaml", "plan suite.yaml")),
     ("profile suite.yaml", "--seeds", "-1", "10000001"),
     ("verify runs/monday", "--sample", "-1", None),
     ("verify runs/monday", "--seed", "-1", None),
@@ -53,6 +55,8 @@ UNRANGED = (
 )
 """Whole numbers whose range depends on other things."""
 CHOICES = (
+    ("run suite.yaml --render-profile", "'standard'"),
+    ("plan suite.yaml --render-profile", "'standard'"),
     ("report runs/monday --table", "'latex'"),
     ("report runs/monday --figures", "'svg'"),
     ("compare runs/monday runs/tuesday --format", "'text'"),
@@ -109,6 +113,14 @@ ONCE = (
     ("run suite.yaml --option seed={long}", "expected at most 10000 characters, got 20005"),
     ("report {path5000}", "expected names of at most 255 bytes and paths of 4095"),
     ("import {path5000}", "expected names of at most 255 bytes and paths of 4095"),
+)
+SETTINGS = (
+    *(
+        (f"{verb} suite.yaml --workers {wrong}", "--workers: expected auto, or a number from 1 to 10000")
+        for verb in ("run", "plan")
+        for wrong in ("0", "-1", "10001", "1.5", "many")
+    ),
+    ("run --policy random --task null/Reach --workers 0", "--workers: expected auto, or a number from 1 to 10000"),
 )
 MISSING = (
     ("plan", "Missing argument 'suite'"),
@@ -212,7 +224,7 @@ CASES = [
     *(Case(f"{command} {option}=two", "'two' is not a valid integer") for command, option in UNRANGED),
     *(Case(f"{command} nope", f"'nope' is not one of {first}") for command, first in CHOICES),
     *(Case(command.format(text), says) for command, (text, says) in product(TEXTS, WRONG_TEXTS.items())),
-    *table(*ONCE, *MISSING, *UNKNOWN),
+    *table(*SETTINGS, *ONCE, *MISSING, *UNKNOWN),
     LIST_OF_CHOICES,
     *(Case(typed, "No such option") for typed in MISSPELT),
 ]

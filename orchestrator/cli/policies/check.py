@@ -36,7 +36,8 @@ def check(
     option: PolicyOptions = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first of the two episodes.")] = 0,
     image_size: Annotated[
-        int | None, typer.Option(min=16, max=1024, help="Height and width of images (px), if the policy takes any.")
+        int | None,
+        typer.Option(min=16, max=1024, help="Height and width of frames (px); by default as the policy asks."),
     ] = None,
     picture: Annotated[Path, typer.Option(help="PNG file to write.")] = PICTURE,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,

@@ -6,7 +6,7 @@ import yaml
 from robogauntlet.orchestrator.runs.composition import SUITE_FILE, compose_plan, new_run_folder
 from robogauntlet.policies.references import read_reference
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.episode import CAMERAS
+from robogauntlet.suites.episode import CAMERAS, RenderProfile
 from robogauntlet.suites.schema import MAX_NAME, policy_entry
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
@@ -95,3 +95,9 @@ def test_a_new_run_gets_a_new_folder(tmp_path, monkeypatch):
     first = new_run_folder("s")
     first.mkdir(parents=True)
     assert not new_run_folder("s").exists()
+
+
+def test_settings_are_written_into_the_suite():
+    suite, written = suite_of(settings={"image_size": 128, "render_profile": RenderProfile.FAST, "workers": 2})
+    assert (suite.image_size, suite.render_profile, suite.workers) == (128, RenderProfile.FAST, 2)
+    assert (written["image_size"], written["render_profile"], written["workers"]) == (128, "fast", 2)

@@ -178,6 +178,16 @@ def test_a_script_in_any_name_is_escaped(tmp_path, place, changes):
     assert "<script" not in paths.markdown.read_text()
 
 
+def test_what_a_policy_asked_for_in_vain_is_at_the_top_of_both_reports(tmp_path):
+    warning = "frames are rendered at 96 px and enlarged to 224 for policy 'pi0'; set image_size: 224"
+    plan = cells(("pi0",))
+    folder = run_folder(tmp_path / "run", document(2, of=plan, warnings=(warning,)), rows(plan, 2))
+    write_report(folder)
+    assert f"**Warning**: {warning}." in (folder / "report.md").read_text().replace("\\", "")
+    page = (folder / "report.html").read_text()
+    assert "enlarged to 224" in page[: page.index("<nav")]
+
+
 def test_an_interrupted_run_still_gives_a_readable_report(tmp_path):
     run = document(4, status=RunStatus.INTERRUPTED, reason="Ctrl-C", skipped={"robosuite": "not installed here"})
     results = [result for result in rows(planned=4) if result.simulator != "robosuite" and result.seed < 2]
