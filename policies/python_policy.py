@@ -18,6 +18,7 @@ from robogauntlet.policies.function_policy import as_policy
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import describe
+from robogauntlet.support.files import open_regular, read_regular
 from robogauntlet.support.secret_variables import variable_names
 
 NAME = "python"
@@ -114,8 +115,10 @@ def _digest(options: Mapping[str, Any]) -> str:
 
 
 def _hash(path: Path, *, text: bool = False) -> str:
-    content = path.read_bytes()
-    return hashlib.sha256(b"\n".join(content.splitlines()) if text else content).hexdigest()
+    if text:
+        return hashlib.sha256(b"\n".join(read_regular(path).splitlines())).hexdigest()
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _import(place: _Place) -> Any:

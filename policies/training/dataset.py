@@ -34,6 +34,7 @@ from robogauntlet.policies.training.lerobot_format import (
 )
 from robogauntlet.suites.episode import FIRST_TRAINING_SEED, content_hash
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.files import open_regular, read_regular
 from robogauntlet.support.json_text import parse_json
 
 CHUNK_LENGTH = 8
@@ -113,7 +114,7 @@ class Demonstrations:
     def seeds(self) -> tuple[int, ...]:
         """The seed of each episode; empty for a dataset of another origin."""
         try:
-            metadata = pq.read_table(self.folder / EPISODES_FILE)
+            metadata = pq.read_table(_regular(self.folder / EPISODES_FILE))
             return tuple(metadata["seed"].to_pylist()) if "seed" in metadata.column_names else ()
         except UNREADABLE as error:
             raise DatasetError(f"{self.folder}: {EPISODES_FILE} cannot be read: {first_line(error)}") from None
@@ -133,7 +134,7 @@ class Demonstrations:
         """How RoboGauntlet recorded the dataset; empty for a dataset of another origin."""
         path = self.folder / JOURNAL_FILE
         try:
-            return dict(parse_json(path.read_text(encoding="utf-8"))["source"])
+            return dict(parse_json(read_regular(path))["source"])
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -246,7 +247,7 @@ class Demonstrations:
         first: pa.Schema | None = None
         for path in self._files:
             try:
-                file = pq.ParquetFile(path)
+                file = pq.ParquetFile(_regular(path))
                 missing = [name for name in columns if name not in file.schema_arrow.names]
                 if missing:
                     raise DatasetError(f"{path}: expected a column {missing[0]}, got none")
@@ -329,7 +330,7 @@ def datasets_of(folders: Sequence[Path], tasks: Sequence[str]) -> list[Demonstra
 def _read_info(folder: Path) -> tuple[dict[str, Any], DatasetSpec]:
     path = folder / INFO_FILE
     try:
-        info = parse_json(path.read_text(encoding="utf-8"))
+        info = parse_json(read_regular(path))
         version = info["codebase_version"]
         total_frames, total_episodes = int(info["total_frames"]), int(info["total_episodes"])
         images = [name for name in info["features"] if name.startswith(image_key(""))]
@@ -349,7 +350,13 @@ def _read_tasks(folder: Path) -> dict[int, str]:
     import pandas as pd
 
     try:
-        tasks = pd.read_parquet(folder / TASKS_FILE)
+        tasks = pd.read_parquet(_regular(folder / TASKS_FILE))
         return {int(number): str(task) for task, number in tasks["task_index"].items()}
     except (OSError, KeyError, TypeError, ValueError, pa.ArrowException) as error:
         raise DatasetError(f"{folder / TASKS_FILE}: cannot be read: {first_line(error)}") from None
+
+
+def _regular(path: Path) -> Path:
+    """The path of a file that Arrow may open, which would wait for a named pipe. Raises OSError for another."""
+    open_regular(path).close()
+    return path

@@ -93,7 +93,7 @@ def test_a_file_of_others_is_read_within_its_limit(tmp_path):
     assert read_regular(link, 5) == b"12345"
     with open_regular(path) as file:
         assert file.read(2) == b"12"
-    with pytest.raises(OSError, match=r"^expected at most 4 bytes, got more$"):
+    with pytest.raises(OSError, match=r"^more than 4 bytes$"):
         read_regular(path, 4)
     with pytest.raises(FileNotFoundError):
         read_regular(tmp_path / "absent")
@@ -106,7 +106,7 @@ def test_a_path_that_is_no_regular_file_is_refused_without_waiting(tmp_path):
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(tmp_path / "socket"))
         for name, kind in {"pipe": "named pipe", "endless": "device", "folder": "folder", "socket": "socket"}.items():
-            with pytest.raises(OSError, match=f"expected a regular file, got a {kind}"):
+            with pytest.raises(OSError, match=f"^a {kind}, no regular file$"):
                 read_regular(tmp_path / name)
 
 

@@ -27,6 +27,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import (
     base_folder,
     hash_tensors,
     locate,
+    open_weights,
 )
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import add_lora, has_lora, plain_name
@@ -155,6 +156,8 @@ def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMe
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
     """Read the tensors of a file onto the CPU. Raises CheckpointError if it violates the format or cannot be read."""
+    with open_weights(path):
+        pass
     try:
         return load_file(path)
     except (OSError, SafetensorError) as error:

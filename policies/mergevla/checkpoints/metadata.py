@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import field
 from functools import lru_cache
 from pathlib import Path
@@ -22,9 +24,11 @@ from robogauntlet.policies.hub import OnHub, check_download
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.stored import STRICT, Stored, StoredError
+from robogauntlet.policies.tensor_file import StoredTensor, TensorFileError, read_header
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.files import open_regular, read_regular
 from robogauntlet.support.json_text import parse_json
 from robogauntlet.support.text import shortened
 
@@ -32,8 +36,8 @@ WEIGHTS, METADATA_FILE, FORMAT = "model.safetensors", "card.json", 1
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt")
 LONGEST_REFERENCE = 200
 """Characters of the name of a checkpoint in a message."""
-LARGEST_HEADER = 100_000_000
-"""Bytes, the limit of the safetensors format."""
+PIECE = 2**20
+"""Bytes of a tensor that are in memory at a time while it is hashed."""
 
 
 class CheckpointError(StoredError):
@@ -191,7 +195,7 @@ def read_metadata_file(folder: Path) -> dict[str, Any]:
 
 def _metadata_text(folder: Path) -> str:
     try:
-        return (folder / METADATA_FILE).read_text()
+        return read_regular(folder / METADATA_FILE).decode()
     except FileNotFoundError:
         raise CheckpointError(f"expected {METADATA_FILE} in '{folder}', got a folder without it") from None
     except OSError as error:
@@ -295,46 +299,30 @@ def hash_tensors(path: Path) -> str:
 @lru_cache(maxsize=256)
 def _hash_file(path: Path, changed_ns: int, size: int, device: int, inode: int) -> str:
     """Hash a file, cached until it changes: a suite may name the same experts in two hundred policies."""
-    digest, path = hashlib.sha256(), path.resolve()
-    try:
-        file = path.open("rb")
-    except OSError as error:
-        raise CheckpointError(f"expected to read '{path}', got: {error.strerror}") from None
-    with file:
-        start, header = _read_header(path, file)
-        for name in sorted(header):
-            entry = header[name]
-            first, last = entry["data_offsets"]
-            if start + last > size:
-                raise CheckpointError(f"expected {start + last} bytes or more in '{path}', got {size}: it is truncated")
-            file.seek(start + first)
-            digest.update(json.dumps([name, entry["dtype"], entry["shape"]]).encode() + b"\0")
-            digest.update(file.read(last - first))
-    whole = start + max((entry["data_offsets"][1] for entry in header.values()), default=0)
-    if whole != size:
-        raise CheckpointError(f"expected {whole} bytes in '{path}', got {size}: something follows its tensors")
+    digest = hashlib.sha256()
+    with open_weights(path) as (file, tensors):
+        for name in sorted(tensors):
+            tensor = tensors[name]
+            digest.update(json.dumps([name, tensor.dtype, tensor.shape]).encode() + b"\0")
+            file.seek(tensor.start)
+            for start in range(0, tensor.size, PIECE):
+                digest.update(file.read(min(PIECE, tensor.size - start)))
     return digest.hexdigest()
 
 
-def _read_header(path: Path, file: BinaryIO) -> tuple[int, dict[str, Any]]:
-    """Return the offset of the tensors' bytes, and name to type, shape and offsets of each tensor."""
-    length = int.from_bytes(file.read(8), "little")
-    text = file.read(length) if length <= LARGEST_HEADER else b""
+@contextmanager
+def open_weights(path: Path) -> Iterator[tuple[BinaryIO, Mapping[str, StoredTensor]]]:
+    """A safetensors file and what its header says, which is checked before any tensor is read.
+
+    Raises CheckpointError if it cannot be read, is no regular file, is truncated, or of another format.
+    """
     try:
-        header = parse_json(text)
-        header.pop("__metadata__", None)
-        offsets = [entry["data_offsets"] for entry in header.values()]
-        if any(
-            not isinstance(entry["dtype"], str) or not isinstance(entry["shape"], list) for entry in header.values()
-        ):
-            raise ValueError("a tensor without type or shape")
-        if any(not (type(first) is type(last) is int and 0 <= first <= last) for first, last in offsets):
-            raise ValueError("offsets out of order")
-    except (AttributeError, KeyError, TypeError, ValueError):
-        raise CheckpointError(
-            f"expected a safetensors file in '{path}', got a truncated one or another format"
-        ) from None
-    return 8 + length, header
+        with open_regular(path.resolve()) as file:
+            yield file, read_header(file, os.fstat(file.fileno()).st_size)
+    except OSError as error:
+        raise CheckpointError(f"expected to read '{path}', got: {error.strerror}") from None
+    except TensorFileError as error:
+        raise CheckpointError(f"expected a safetensors file in '{path}', {error}") from None
 
 
 def _check_hash(folder: Path, expected: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +18,13 @@ from robogauntlet.policies.mergevla.network.normalisation import Quantiles, Stat
 from robogauntlet.policies.mergevla.released.names import released_names
 from robogauntlet.policies.stored import StoredError
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.files import open_regular, read_regular
 from robogauntlet.support.json_text import parse_json
+from robogauntlet.support.text import visible
 
 SAFETENSORS, TORCH, STATISTICS = ".safetensors", ".pt", "dataset_statistics.json"
+LARGEST_PICKLE = 4_000_000
+"""Bytes of the list of a `.pt` file's tensors: twenty thousand fit, and each byte may stand for a hundred in memory."""
 MOST_DICTIONARIES = 100
 """Dictionaries in a file, the whole and parts of the model by name; less deep than Python's recursion."""
 
@@ -82,6 +87,7 @@ def _is_read(path: Path) -> bool:
 
 
 def _read_torch(path: Path) -> dict[str, Tensor]:
+    _check_archive(path)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
     except pickle.UnpicklingError:
@@ -96,6 +102,30 @@ def _read_torch(path: Path) -> dict[str, Tensor]:
     if not tensors:
         raise ReleasedError(f"expected tensors by name in '{path}', got {type(content).__name__}")
     return tensors
+
+
+def _check_archive(path: Path) -> None:
+    """Refuse what torch.save does not write: packed entries, which unfold to any size, and a pickle of millions."""
+    try:
+        with open_regular(path) as file:
+            if not zipfile.is_zipfile(file):
+                return  # torch's reader of mapped files refuses it at once
+            with zipfile.ZipFile(file) as archive:
+                entries = archive.infolist()
+    except OSError as error:
+        raise ReleasedError(f"expected to read '{path}', got: {error.strerror}") from None
+    except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        raise ReleasedError(f"expected a file of torch.save in '{path}', got: {first_line(error)}") from None
+    for entry in entries:
+        shown = visible(entry.filename[:100])
+        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
+            raise ReleasedError(
+                f"expected a file of torch.save in '{path}', got {shown} packed to {entry.compress_size} bytes"
+            )
+        if entry.filename.endswith("data.pkl") and entry.file_size > LARGEST_PICKLE:
+            raise ReleasedError(
+                f"expected at most {LARGEST_PICKLE:,} bytes of names in '{path}', got {entry.file_size:,}"
+            )
 
 
 def _flat(path: Path, content: Any, prefix: str, seen: set[int]) -> Iterator[tuple[str, Tensor]]:
@@ -120,7 +150,7 @@ def read_statistics(path: Path) -> TaskStatistics:
     proprioception.
     """
     try:
-        plain = parse_json(path.read_text(encoding="utf-8"))
+        plain = parse_json(read_regular(path))
         by_task = {
             str(name): Statistics(_quantiles(one["action"]), _quantiles(one["proprio"])) for name, one in plain.items()
         }

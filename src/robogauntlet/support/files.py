@@ -8,8 +8,8 @@ import os
 import stat
 import tempfile
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from filelock import FileLock, Timeout
 
@@ -31,7 +31,7 @@ _KINDS = {
 
 
 class RefusedFile(OSError):
-    """A file of others that is not read; the text, also in `strerror`, says why and does not name it."""
+    """A file of others that is not read; the text, also in `strerror`, says what it is and does not name it."""
 
     def __init__(self, message: str, path: Path | None = None) -> None:
         super().__init__(message)
@@ -41,7 +41,7 @@ class RefusedFile(OSError):
         return str(self.strerror)
 
 
-def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
+def open_regular(path: Path, limit: int | None = None) -> BufferedReader:
     """Open a file of others for reading. It never waits, whatever is at the path.
 
     Args:
@@ -62,7 +62,7 @@ def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
         if limit is not None and state.st_size > limit:
             raise _too_large(path, limit)
         if state.st_size > SMALLEST_CHECKED and _stored(opened, state.st_size) < (1 - MOST_HOLES) * state.st_size:
-            raise RefusedFile(f"expected a file, got {state.st_size:,} bytes of holes", path)
+            raise RefusedFile(f"{state.st_size:,} bytes of holes", path)
     except BaseException:
         file.close()
         raise
@@ -81,11 +81,11 @@ def read_regular(path: Path, limit: int = LARGEST_DOCUMENT) -> bytes:
 def _check_regular(mode: int, path: Path) -> None:
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "something else")
-        raise RefusedFile(f"expected a regular file, got {kind}", path)
+        raise RefusedFile(f"{kind}, no regular file", path)
 
 
 def _too_large(path: Path, limit: int) -> RefusedFile:
-    return RefusedFile(f"expected at most {limit:,} bytes, got more", path)
+    return RefusedFile(f"more than {limit:,} bytes", path)
 
 
 def _stored(file: int, size: int) -> int:

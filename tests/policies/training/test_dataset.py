@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
@@ -171,6 +172,23 @@ def test_datasets_are_found_below_a_folder(dataset, tmp_path):
     assert find_datasets([tmp_path / "set"]) == [tmp_path / "set"]
     with pytest.raises(DatasetError, match="expected a dataset"):
         find_datasets([tmp_path / "set" / "meta"])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "meta/tasks.parquet",
+        "meta/episodes/chunk-000/file-000.parquet",
+        "data/chunk-000/file-000.parquet",
+        "meta/robogauntlet.json",
+    ],
+)
+def test_a_pipe_in_place_of_a_file_is_refused_without_waiting(dataset, name):
+    (dataset.folder / name).unlink(missing_ok=True)
+    (dataset.folder / name).parent.mkdir(exist_ok=True)
+    os.mkfifo(dataset.folder / name)
+    with one_line_error(DatasetError, "a named pipe, no regular file"):
+        _ = (read := Demonstrations(dataset.folder)).seeds, read.is_replayable
 
 
 def test_an_unreadable_dataset_is_an_error(dataset, recordings, tmp_path, monkeypatch):

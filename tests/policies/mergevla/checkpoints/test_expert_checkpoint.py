@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -170,7 +171,20 @@ def test_missing_statistics_are_refused_with_their_folder(saved):
 def test_a_file_that_cannot_be_read_is_named(saved):
     (saved / METADATA_FILE).unlink()
     (saved / METADATA_FILE).mkdir()
-    refused(saved, f"'{saved / METADATA_FILE}', got: Is a directory")
+    refused(saved, f"'{saved / METADATA_FILE}', got: a folder, no regular file")
+
+
+def test_a_file_that_never_ends_or_is_empty_space_is_refused_at_once(saved):
+    weights, metadata = (saved / WEIGHTS), (saved / METADATA_FILE)
+    length = len(json.dumps(header := {"a": {"dtype": "U8", "shape": [10**11], "data_offsets": [0, 10**11]}}))
+    weights.write_bytes(length.to_bytes(8, "little") + json.dumps(header).encode())
+    os.truncate(weights, 8 + length + 10**11)
+    refused(saved, "bytes of holes")
+    os.truncate(metadata, 16_000_001)
+    refused(saved, "more than 16,000,000 bytes")
+    metadata.unlink()
+    os.mkfifo(metadata)
+    refused(saved, "a named pipe, no regular file")
 
 
 def test_a_changed_weight_is_refused(saved):

@@ -1,10 +1,13 @@
 """Released checkpoints by their names: the same numbers as from the released formulae, and every wrong file refused."""
 
 import math
+import os
+import zipfile
 
 import pytest
 import torch
 
+from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
 from robogauntlet.policies.mergevla.network.config import QWEN, PaperCodeQuirks
@@ -302,3 +305,22 @@ def test_dictionaries_that_refer_to_each_other_are_refused(tmp_path):
         torch.save(content, tmp_path / "model.pt")
         with one_line_error(ReleasedError, "got dictionaries that refer to each other"):
             import_released(Kind.PRISMATIC, [tmp_path / "model.pt"], size=LITTLE)
+
+
+def test_an_archive_that_unfolds_and_a_pipe_are_refused_before_they_are_read(tmp_path):
+    for name, method, content in (
+        ("packed", zipfile.ZIP_DEFLATED, bytes(10**6)),
+        ("long", zipfile.ZIP_STORED, b"]" * 4_000_001),
+    ):
+        with zipfile.ZipFile(tmp_path / f"{name}.pt", "w", method) as archive:
+            archive.writestr("archive/data.pkl", content)
+    os.mkfifo(tmp_path / "pipe.pt")
+    os.mkfifo(tmp_path / "pipe.safetensors")
+    for name, match in {
+        "packed.pt": r"got archive/data\.pkl packed to \d+ bytes",
+        "long.pt": "expected at most 4,000,000 bytes of names in .*, got 4,000,001",
+        "pipe.pt": "a named pipe, no regular file",
+        "pipe.safetensors": "a named pipe, no regular file",
+    }.items():
+        with one_line_error(PolicyError, match):
+            import_released(Kind.PRISMATIC, [tmp_path / name], size=LITTLE)
