@@ -17,6 +17,7 @@ from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, 
 from robogauntlet.orchestrator.ray_runtime.parts import private, private_module, replaced, without_unused_parts
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
+from robogauntlet.support.interrupts import deferred_interrupts
 from robogauntlet.support.secret_variables import SECRETS, is_policy_token, without_secrets
 
 _LOCAL_ENVIRONMENT: dict[str, str | None] = {
@@ -72,6 +73,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
     environment = _LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT
     with contextlib.ExitStack() as stack:
         stack.enter_context(_environment(environment))
+        import_ray()
         stack.enter_context(_on_loopback(address is None))
         import ray
 
@@ -100,6 +102,12 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
             finally:
                 if folder is not None:
                     folder.remove(logs=not has_died)
+
+
+def import_ray() -> None:
+    """Import Ray as a whole: the start of its compiled modules drops an interruption without a word."""
+    with deferred_interrupts():
+        importlib.import_module("ray")
 
 
 @contextlib.contextmanager

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, with_bundles
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster
-from robogauntlet.orchestrator.ray_runtime.session import NoRoom, RayLost, ray_session, room_for_workers
+from robogauntlet.orchestrator.ray_runtime.session import (
+    NoRoom,
+    RayLost,
+    import_ray,
+    ray_session,
+    room_for_workers,
+)
 from robogauntlet.orchestrator.replay.media_selection import condition_snapshots
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression
 from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
@@ -197,6 +203,7 @@ class RunSession:
 
     def _play(self, work: list[tuple[Cell, Sequence[int]]]) -> None:
         """Play this work and all further rounds. Raises as `Scheduler.run`."""
+        import_ray()
         from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, start_servers
         from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
         from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
