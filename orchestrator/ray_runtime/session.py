@@ -107,7 +107,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
 def import_ray() -> None:
     """Import Ray as a whole: the start of its compiled modules drops an interruption without a word."""
     with deferred_interrupts():
-        importlib.import_module("ray")
+        import ray  # noqa: F401
 
 
 @contextlib.contextmanager
