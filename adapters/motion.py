@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
-from robogauntlet.adapters.contract import AdapterError, Motion, Simulation
+import numpy as np
+
+from robogauntlet.adapters.contract import GRIPPER, AdapterError, FloatArray, Motion, Simulation
 
 
 @runtime_checkable
@@ -14,6 +16,14 @@ class MeasuresMotion(Protocol):
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return the present motion, with these entries of `privileged_state`. Changes nothing."""
+
+
+def standing_still(simulation: Simulation) -> FloatArray:
+    """Return an action that keeps the arms where they are, with open grippers, of the shape of `action_spec`."""
+    spec = simulation.action_spec
+    if spec.joints:
+        return np.append(simulation.privileged_state()["joint_targets"], -1.0)
+    return np.array([-1.0 if name.endswith(GRIPPER) else 0.0 for name in spec.names])
 
 
 def motion_reader(simulation: Simulation) -> Callable[[Sequence[str]], Motion]:

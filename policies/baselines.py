@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters.catalog import body_of
 from robogauntlet.adapters.contract import ACTION_DIM, FloatArray
-from robogauntlet.policies.contract import Decision, PolicyInput, PolicyKind, PolicySpec, Query, StatelessPolicy
-from robogauntlet.policies.digests import scripted_digest
+from robogauntlet.policies.contract import (
+    Decision,
+    PolicyInput,
+    PolicyKind,
+    PolicyMismatch,
+    PolicySpec,
+    Query,
+    StatelessPolicy,
+)
+from robogauntlet.policies.digests import digest_of
 
 CHUNK_LENGTH = 8
-TRANSLATION, ROTATION = 0.02, 0.05
-"""Scale of the actions per step (m, rad), about that of the oracles."""
+SCALE = np.array([0.02] * 3 + [0.05] * 3 + [1.0])
+"""Of the actions of an arm whose tool is moved, for each step (m, rad), about that of the oracles."""
+SOURCE = "5ceefc4e31b1c704"
+"""In place of a hash of this file in the policies' digests: another one whenever another action comes of a query."""
 
 
 def generator_for(query: Query) -> np.random.Generator:
@@ -22,30 +33,47 @@ def generator_for(query: Query) -> np.random.Generator:
     return np.random.default_rng([int(query.episode.id, 16), query.step])
 
 
-def _scaled(unit: FloatArray) -> FloatArray:
-    return unit * np.array([TRANSLATION] * 3 + [ROTATION] * 3 + [1.0])
+def _numbers(query: Query) -> int:
+    return query.action_dim if query.action_spec is None else len(query.action_spec.high)
+
+
+def _scaled(unit: FloatArray, query: Query) -> FloatArray:
+    """Scale numbers of -1 to 1, (n, numbers of an action): by `SCALE` for each arm, or to the limits of joints.
+
+    Raises:
+        PolicyMismatch: An action has the targets of joints, whose limits the query does not tell.
+    """
+    spec = query.action_spec
+    if spec is not None and spec.joints:
+        return np.asarray(spec.low + (unit + 1.0) / 2.0 * (spec.high - spec.low))
+    seen = query.observation
+    if spec is None and (seen.of_joints if seen else body_of(query.episode.task).joints):
+        raise PolicyMismatch("expected the limits of joints, which a policy server is not told; run the policy by name")
+    return unit * np.tile(SCALE, unit.shape[1] // ACTION_DIM)
 
 
 class ZeroPolicy(StatelessPolicy):
-    """Stands still with an open gripper."""
+    """Stands still with open grippers."""
 
-    spec = PolicySpec(PolicyInput.NOTHING, CHUNK_LENGTH)
+    spec = PolicySpec(PolicyInput.NOTHING, CHUNK_LENGTH, action_dim=None)
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """Return chunks without motion."""
-        chunk = np.zeros((CHUNK_LENGTH, ACTION_DIM))
-        chunk[:, -1] = -1.0
-        return [Decision(chunk) for _ in queries]
+        """Return chunks without motion, of an arm whose tool is moved if the query does not tell what that is."""
+        still = np.append(np.zeros(ACTION_DIM - 1), -1.0)
+        return [Decision(np.tile(still if q.still is None else q.still, (CHUNK_LENGTH, 1))) for q in queries]
 
 
 class RandomPolicy(StatelessPolicy):
-    """Draws every action uniformly."""
+    """Draws every action uniformly: motions of the tool, or targets within the limits of joints."""
 
-    spec = PolicySpec(PolicyInput.NOTHING, CHUNK_LENGTH)
+    spec = PolicySpec(PolicyInput.NOTHING, CHUNK_LENGTH, action_dim=None)
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """Return chunks of uniform actions, keyed by episode and step."""
-        return [Decision(_scaled(generator_for(q).uniform(-1.0, 1.0, (CHUNK_LENGTH, ACTION_DIM)))) for q in queries]
+        return [Decision(_scaled(self._drawn(query), query)) for query in queries]
+
+    def _drawn(self, query: Query) -> FloatArray:
+        return generator_for(query).uniform(-1.0, 1.0, (CHUNK_LENGTH, _numbers(query)))
 
 
 class UntrainedPolicy(StatelessPolicy):
@@ -56,18 +84,18 @@ class UntrainedPolicy(StatelessPolicy):
     """
 
     GRID = 12
-    spec = PolicySpec(PolicyInput.OBSERVATION, CHUNK_LENGTH)
+    spec = PolicySpec(PolicyInput.OBSERVATION, CHUNK_LENGTH, action_dim=None)
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """Return the tanh of a random projection of block-averaged images and proprioception."""
-        return [Decision(_scaled(self._project(q).reshape(CHUNK_LENGTH, ACTION_DIM))) for q in queries]
+        return [Decision(_scaled(self._project(query), query)) for query in queries]
 
     def _project(self, query: Query) -> FloatArray:
         assert query.observation is not None
         parts = [self._blocks(image) for image in query.observation.images.values()]
         features = np.concatenate([*parts, query.observation.proprioception])
-        weights = np.random.default_rng(0).normal(size=(CHUNK_LENGTH * ACTION_DIM, len(features)))
-        return np.tanh(weights @ features / np.sqrt(len(features)) * 2.0)
+        weights = np.random.default_rng(0).normal(size=(CHUNK_LENGTH * _numbers(query), len(features)))
+        return np.tanh(weights @ features / np.sqrt(len(features)) * 2.0).reshape(CHUNK_LENGTH, -1)
 
     def _blocks(self, image: np.ndarray) -> FloatArray:
         """Mean brightness of each cell of a grid, about -1 .. 1."""
@@ -80,7 +108,7 @@ def _kind(name: str, summary: str, policy: type[ZeroPolicy] | type[RandomPolicy]
     def load(options: Mapping[str, Any]) -> ZeroPolicy | RandomPolicy | UntrainedPolicy:
         return policy()
 
-    return PolicyKind(name, summary, load, scripted_digest(name, sys.modules[__name__]), no_skill=True)
+    return PolicyKind(name, summary, load, partial(digest_of, name, SOURCE), no_skill=True)
 
 
 ZERO = _kind("zero", "stands still", ZeroPolicy)

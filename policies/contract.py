@@ -100,6 +100,10 @@ class Query:
     """Present if the policy sees observations."""
     privileged_state: Mapping[str, FloatArray] | None = None
     """Present if the policy sees the privileged state."""
+    action_spec: ActionSpec | None = None
+    """Bounds of an action, in a run. A policy server is not told."""
+    still: FloatArray | None = None
+    """An action that keeps the arms where they are, with open grippers; present if the policy sees nothing."""
 
     @property
     def action_dim(self) -> int:

@@ -23,11 +23,12 @@ def source_digest(*modules: ModuleType) -> str:
 
 def scripted_digest(name: str, *modules: ModuleType) -> Callable[[Mapping[str, Any]], str]:
     """Return a `PolicyKind.digest` for policies that consist of source code and options."""
+    return lambda options: digest_of(name, source_digest(*modules), options)
 
-    def digest(options: Mapping[str, Any]) -> str:
-        try:
-            return content_hash({"policy": name, "source": source_digest(*modules), "options": dict(options)})
-        except (TypeError, ValueError):
-            raise PolicyError(f"policy '{name}': options must be plain numbers, text, lists and mappings") from None
 
-    return digest
+def digest_of(name: str, source: str, options: Mapping[str, Any]) -> str:
+    """Return the digest of a policy of a kind by what stands for its source code, and its options."""
+    try:
+        return content_hash({"policy": name, "source": source, "options": dict(options)})
+    except (TypeError, ValueError):
+        raise PolicyError(f"policy '{name}': options must be plain numbers, text, lists and mappings") from None

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, AdapterError, FloatArray, Observation, Simulation
+from robogauntlet.adapters.contract import GRIPPER, ActionSpec, AdapterError, FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.demonstrations.task_queue import PlayedSeed
 from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
@@ -48,7 +48,7 @@ class Learner:
     recorded: bool = False
     """Whether the oracle's actions are also recorded while the learner acts."""
     _chunk: list[FloatArray] = field(default_factory=list, init=False)
-    _numbers: int = field(default=ACTION_DIM, init=False)
+    _spec: ActionSpec = field(init=False)
 
     def __post_init__(self) -> None:
         if self.policy.spec.sees is not PolicyInput.OBSERVATION:
@@ -59,13 +59,13 @@ class Learner:
         """Start the episode. Raises PolicyMismatch if the learner does not fit the simulation."""
         check_fit(self.policy.spec, simulation.action_spec, simulation.observation_spec)
         self.policy.reset([self.episode])
-        self._chunk, self._numbers = [], len(simulation.action_spec.high)
+        self._chunk, self._spec = [], simulation.action_spec
 
     def action(self, observation: Observation, step: int) -> FloatArray:
         """The action to execute in this step, shape (numbers of an action,)."""
         if not self._chunk:
-            (decision,) = self.policy.act([Query(self.episode, step, observation=observation)])
-            self._chunk = list(check_chunk(decision.actions, self._numbers)[:LEARNER_REPLANS_EVERY])
+            (decision,) = self.policy.act([Query(self.episode, step, observation=observation, action_spec=self._spec)])
+            self._chunk = list(check_chunk(decision.actions, len(self._spec.high))[:LEARNER_REPLANS_EVERY])
         return self._chunk.pop(0)
 
 

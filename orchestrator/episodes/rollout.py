@@ -16,6 +16,7 @@ import numpy as np
 from robogauntlet.adapters.catalog import goal_of
 from robogauntlet.adapters.contract import AdapterError, Delivered, Measured, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
+from robogauntlet.adapters.motion import standing_still
 from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation, ReferenceImages
@@ -202,6 +203,7 @@ def _statistics_text(statistics: Mapping[str, float]) -> str:
 def _observe(
     simulation: Simulation, policy: Policy, episode: Episode, step: int, timed: Callable[[str], _Timed]
 ) -> Query:
+    spec = simulation.action_spec
     match policy.spec.sees:
         case PolicyInput.OBSERVATION:
             with timed("render_s"):
@@ -209,12 +211,12 @@ def _observe(
                 if episode.protocol.mirrored:
                     images = {name: image[:, ::-1].copy() for name, image in observation.images.items()}
                     observation = replace(observation, images=images)
-                return Query(episode, step, observation=observation)
+                return Query(episode, step, observation=observation, action_spec=spec)
         case PolicyInput.PRIVILEGED_STATE:
             with timed("physics_s"):
-                return Query(episode, step, privileged_state=simulation.privileged_state())
+                return Query(episode, step, privileged_state=simulation.privileged_state(), action_spec=spec)
         case PolicyInput.NOTHING:
-            return Query(episode, step)
+            return Query(episode, step, action_spec=spec, still=standing_still(simulation))
 
 
 def _ask(policy: Policy, query: Query) -> Decision:

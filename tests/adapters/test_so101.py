@@ -123,6 +123,6 @@ def test_an_environment_has_the_joints_limits():
 
 def test_a_policy_that_moves_a_tool_is_refused_in_a_line():
     with one_line_error(PolicyMismatch, "so101/Push accepts 6 numbers per action, the policy produces 7"):
-        check_tasks(ZeroPolicy.spec, ["so101/Push"])
+        check_tasks(replace(ZeroPolicy.spec, action_dim=7), ["so101/Push"])
     with one_line_error(PolicyMismatch, "pybullet/PandaReach-v3 accepts 7 numbers per action, the policy produces 6"):
         check_tasks(replace(ZeroPolicy.spec, action_dim=6), ["pybullet/PandaReach-v3"])

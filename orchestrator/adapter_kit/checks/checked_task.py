@@ -12,7 +12,6 @@ import numpy as np
 from robogauntlet.adapters.contract import (
     ACTION_NAMES,
     ARM_PREFIXES,
-    GRIPPER,
     AdapterError,
     FloatArray,
     Image,
@@ -21,6 +20,7 @@ from robogauntlet.adapters.contract import (
     StepOutcome,
     TaskDescription,
 )
+from robogauntlet.adapters.motion import standing_still
 from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.suites.episode import CAMERAS, RenderProfile, View
@@ -147,11 +147,10 @@ class CheckedTask:
     def action(self, **values: float) -> FloatArray:
         """An action with open grippers and the given numbers; the targets of joints are moved as the tool would be."""
         spec = self.simulation.action_spec
-        action = np.array([values.get(name, -1.0 if name.endswith(GRIPPER) else 0.0) for name in spec.names])
-        if not spec.joints:
-            return action
-        state, way = self.simulation.privileged_state(), [values.get(name, 0.0) for name in ("dx", "dy", "dz")]
-        action[:-1] = state["joint_targets"] + np.linalg.pinv(state["tcp_jacobian"][:3]) @ way
+        still = standing_still(self.simulation)
+        action = np.array([values.get(name, own) for name, own in zip(spec.names, still.tolist(), strict=True)])
+        if spec.joints and (way := [values.get(name, 0.0) for name in ACTION_NAMES[:3]]) != [0.0, 0.0, 0.0]:
+            action[:-1] += np.linalg.pinv(self.simulation.privileged_state()["tcp_jacobian"][:3]) @ way
         return action
 
     def moving(self, **values: float) -> FloatArray:

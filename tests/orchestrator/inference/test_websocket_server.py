@@ -223,7 +223,7 @@ MESSAGES = {
     "floats": ({**SOUND, "observation/image": IMAGE / 255.0}, "expected an image of bytes"),
     "flat": ({**SOUND, "observation/image": IMAGE[0]}, r"expected an image of shape \(height, width, 3\)"),
     "first channels": ({**SOUND, "observation/image": IMAGE.transpose(2, 0, 1)}, r"got \(3, 32, 32\)"),
-    "no state": ({**SOUND, "observation/state": None}, "expected an array of 8 numbers as observation/state"),
+    "no state": ({**SOUND, "observation/state": None}, "expected an array of 8 or 16 numbers as observation/state"),
     "short state": ({**SOUND, "observation/state": np.zeros(7)}, r"got shape \(7,\)"),
     "words": ({**SOUND, "prompt": 3}, "expected text as prompt, got int"),
     "episode": ({**SOUND, "robogauntlet/episode": {"seed": 1}, "robogauntlet/step": 0}, "expected an episode"),
