@@ -17,17 +17,24 @@ from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicySpec
 from robogauntlet.policies.hub import check_download
 from robogauntlet.policies.lerobot.child import observes_every_step
+from robogauntlet.policies.remote.conversion import MAX_ACTIONS
 from robogauntlet.policies.remote.server_options import CONVENTION_OPTIONS, Convention, Key
 from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.errors import first_line
-from robogauntlet.support.json_text import parse_json
+from robogauntlet.support.files import open_regular, read_regular
+from robogauntlet.support.json_text import parse_json, whole_number
 from robogauntlet.support.secret_variables import variable_names
 
 NAME = "lerobot"
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy_postprocessor.json")
 """The files of a checkpoint of LeRobot 0.4 or newer."""
+LIBERO_CAMERAS = {"third_person": ("image",), "wrist": ("image2", "wrist_image")}
+"""Camera to its names in LeRobot's copies of LIBERO's data."""
+LARGEST_DIMENSION = 1_000_000
+NUMBERS = {"n_action_steps": (1, 1, MAX_ACTIONS), "n_obs_steps": (1, 1, 1000), "empty_cameras": (0, 0, 100)}
+"""Numbers that are read of a configuration: default, least and largest."""
 OPTIONS = {
     "checkpoint": "a folder, or the id of a repository on the Hugging Face hub: USER/NAME, or USER/NAME@REVISION",
     "device": "cpu, cuda, ...; by default cpu",
@@ -69,10 +76,14 @@ class Checkpoint:
         if self.options.joints is None:  # Digests from before there were joints stay.
             left_out |= {"joints", "joint_scale"}
         conversion = self.options.model_dump(mode="json", exclude=left_out)
-        states = [(path, path.stat()) for path in files(self.folder)]
-        hashes = [
-            [path.name, _content(os.path.realpath(path), state.st_mtime_ns, state.st_size)] for path, state in states
-        ]
+        try:
+            states = [(path, path.stat()) for path in files(self.folder)]
+            hashes = [
+                [path.name, _content(os.path.realpath(path), state.st_mtime_ns, state.st_size)]
+                for path, state in states
+            ]
+        except OSError as error:
+            raise PolicyError(f"policy '{NAME}': {error.filename}: {error.strerror}") from None
         return content_hash({"policy": NAME, "asked": conversion, "files": hashes})
 
 
@@ -91,39 +102,90 @@ def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
         raise PolicyError(
             f"policy '{NAME}': expected a checkpoint of LeRobot 0.4 or newer in {folder}, it lacks {missing[0]}"
         )
-    try:
-        config = parse_json((folder / "config.json").read_text(encoding="utf-8"))
-        features = {**config["input_features"], **config["output_features"]}
-        shapes = {name: tuple(map(int, feature["shape"])) for name, feature in features.items()}
-    except (OSError, ValueError, KeyError, OverflowError, TypeError, AttributeError) as error:
-        path = folder / "config.json"
-        raise PolicyError(f"policy '{NAME}': expected a configuration of LeRobot in {path}, got: {error}") from None
-    state = options.proprioception if options.proprioception in shapes else None
-    options = options.model_copy(update={"cameras": options.cameras or _cameras(shapes), "proprioception": state})
-    spec = _spec(options, shapes, 1 if observes_every_step(config) else int(config.get("n_action_steps", 1)))
-    return Checkpoint(folder, options, spec)
+    declared = _declared(folder / "config.json")
+    state = options.proprioception if options.proprioception in declared.shapes else None
+    cameras = options.cameras or _cameras(declared, options.convention)
+    options = options.model_copy(update={"cameras": cameras, "proprioception": state})
+    return Checkpoint(folder, options, _spec(options, declared))
 
 
 def files(folder: Path) -> tuple[Path, ...]:
-    """Return the files of a checkpoint that are read."""
-    return tuple(sorted(path for path in folder.iterdir() if path.suffix in (".json", ".safetensors")))
+    """Return the files of a checkpoint that are read. Raises PolicyError if the folder cannot be read."""
+    try:
+        return tuple(sorted(path for path in folder.iterdir() if path.suffix in (".json", ".safetensors")))
+    except OSError as error:
+        raise PolicyError(f"policy '{NAME}': {folder}: {error.strerror}") from None
 
 
-def _cameras(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
-    images = [name for name, shape in shapes.items() if name.startswith("observation.image") and len(shape) == 3]
+@dataclass(frozen=True)
+class _Declared:
+    """What a checkpoint's `config.json` says of its observations and actions."""
+
+    shapes: Mapping[str, tuple[int, ...]]
+    """Feature to the shape of its arrays."""
+    actions: int
+    """Actions that follow from one observation."""
+    unfilled: frozenset[str]
+    """Cameras that need no source, since LeRobot fills them."""
+
+
+def _declared(path: Path) -> _Declared:
+    """Read a configuration. Raises PolicyError in one line, whatever the file holds."""
+    try:
+        config = parse_json(read_regular(path))
+        features = {**config["input_features"], **config["output_features"]}
+        shapes = {
+            name: tuple(whole_number(number, 1, LARGEST_DIMENSION) for number in feature["shape"])
+            for name, feature in features.items()
+        }
+        if not all(shapes.values()):
+            raise ValueError(f"a feature without a shape, {next(name for name in shapes if not shapes[name])}")
+        steps, seen, empty = (_number(config, *given) for given in NUMBERS.items())
+    except (OSError, ValueError, KeyError, OverflowError, TypeError, AttributeError) as error:
+        problem = f"no {error}" if isinstance(error, KeyError) else first_line(error)
+        raise PolicyError(f"policy '{NAME}': expected a configuration of LeRobot in {path}, got: {problem}") from None
+    unfilled = frozenset(f"{IMAGES}empty_camera_{number}" for number in range(empty)) & shapes.keys()
+    each = observes_every_step({**config, "n_obs_steps": seen})
+    return _Declared(shapes, 1 if each else steps, unfilled)
+
+
+def _number(config: Mapping[str, Any], name: str, bounds: tuple[int, int, int]) -> int:
+    default, lowest, highest = bounds
+    try:
+        return whole_number(config.get(name, default), lowest, highest)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _cameras(declared: _Declared, convention: str) -> dict[str, str]:
+    """Camera to the feature of its name. Raises PolicyMismatch if a feature is left."""
+    images = [
+        name
+        for name, shape in declared.shapes.items()
+        if name.startswith("observation.image") and len(shape) == 3 and name not in declared.unfilled
+    ]
     named = {camera: f"{IMAGES}{camera}" for camera in CAMERAS if f"{IMAGES}{camera}" in images}
     if len(images) == 1 and not named:
         return {CAMERAS[0]: images[0]}
+    if convention == "libero" and not named:
+        named = {
+            camera: f"{IMAGES}{name}"
+            for camera, names in LIBERO_CAMERAS.items()
+            for name in names
+            if f"{IMAGES}{name}" in images
+        }
     if len(named) < len(images):
+        example = ", ".join(f"{camera}: {image}" for camera, image in zip(CAMERAS, images, strict=False))
         raise PolicyMismatch(
             f"policy '{NAME}': expected option cameras, which assigns a camera to each of {', '.join(images)}; "
-            f"for example cameras: {{{CAMERAS[0]}: {images[0]}, ...}}"
+            f"for example cameras: {{{example}}}"
         )
     return named
 
 
-def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], actions: int) -> PolicySpec:
+def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     """Return the policy's spec, if the options cover the features that the checkpoint was trained on."""
+    shapes = declared.shapes
 
     def mismatch(text: str) -> PolicyMismatch:
         return PolicyMismatch(f"policy '{NAME}': {text}")
@@ -132,7 +194,7 @@ def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], action
     given = [*options.cameras.values(), state]
     if unknown := [name for name in options.cameras.values() if name not in shapes]:
         raise mismatch(f"cameras: expected a feature of the checkpoint, {', '.join(shapes)}; got {unknown[0]}")
-    if lacking := [name for name in shapes if name != ACTION and name not in given]:
+    if lacking := [name for name in shapes if name not in (ACTION, *given, *declared.unfilled)]:
         raise mismatch(f"the checkpoint needs {lacking[0]}, which no option provides; see docs/lerobot.md")
     numbers = options.width if options.joints else PROPRIOCEPTION_DIM
     if state is not None and shapes[state] != (numbers,):
@@ -154,7 +216,7 @@ def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], action
     columns = options.columns or (range(width) if width == options.width else None)
     if columns is None or any(column is not None and column >= width for column in columns):
         raise mismatch(f"columns: expected the {options.width} columns of an action among the checkpoint's {width}")
-    execute = min(actions, options.execute or actions)
+    execute = min(declared.actions, options.execute or declared.actions)
     cameras = tuple(options.cameras)
     square = size[0] if size and not wanted else None
     action_dim = options.width if options.joints else ACTION_DIM
@@ -189,5 +251,5 @@ def _folder(checkpoint: str) -> Path:
 
 @lru_cache(maxsize=256)
 def _content(path: str, changed_ns: int, size: int) -> str:
-    with Path(path).open("rb") as file:
+    with open_regular(Path(path)) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

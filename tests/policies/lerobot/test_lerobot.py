@@ -1,5 +1,7 @@
 """LeRobot checkpoints act as in LeRobot itself, and a mismatch is one line before the start."""
 
+import math
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -139,6 +141,66 @@ def test_a_checkpoint_sets_chunk_length_and_image_size(bare):
     spec = read_checkpoint({"checkpoint": str(bare())}).spec
     assert (spec.chunk_length, spec.cameras, spec.image_size) == (3, ("third_person",), 32)
     assert read_checkpoint({"checkpoint": str(bare(n_obs_steps=2))}).spec.chunk_length == 1
+
+
+IMAGE, STATE8 = {"shape": [3, 256, 256]}, {"shape": [8]}
+LIBEROS = {"observation.images.image": IMAGE, "observation.images.image2": IMAGE, "observation.state": STATE8}
+CAMERAS = {"third_person": "observation.images.image", "wrist": "observation.images.image2"}
+
+
+def test_cameras_that_lerobot_fills_itself_need_no_source_and_no_size(bare):
+    """As it writes them for pi0, pi0.5, SmolVLA and X-VLA."""
+    filled = {f"observation.images.empty_camera_{number}": {"shape": [3, 480, 640]} for number in range(2)}
+    folder = str(bare(input_features={**LIBEROS, **filled}, empty_cameras=2))
+    spec = catalog.spec("lerobot", {"checkpoint": folder, "cameras": CAMERAS})
+    assert (spec.cameras, spec.image_size) == (("third_person", "wrist"), 256)
+    folder = str(bare(input_features={**LIBEROS, **filled}, empty_cameras=1))
+    with one_line_error(PolicyError, r"needs observation\.images\.empty_camera_1, which no option provides"):
+        catalog.spec("lerobot", {"checkpoint": folder, "cameras": CAMERAS})
+
+
+@pytest.mark.parametrize("wrist", ["image2", "wrist_image"])
+def test_cameras_have_their_names_in_liberos_data_under_its_convention(bare, wrist):
+    named = f"observation.images.{wrist}"
+    features = {"observation.images.image": IMAGE, named: IMAGE, "observation.state": STATE8}
+    folder = str(bare(input_features=features))
+    options = read_checkpoint({"checkpoint": folder, "convention": "libero"}).options
+    assert options.cameras == {"third_person": "observation.images.image", "wrist": named}
+    example = rf"for example cameras: {{third_person: observation\.images\.image, wrist: {named}}}$"
+    with one_line_error(PolicyError, example):
+        read_checkpoint({"checkpoint": folder})
+
+
+NUMBERS = [None, [], "3", True, -5, 0, 2.5, math.inf, -math.inf, math.nan, 10**30]
+
+
+@pytest.mark.parametrize("name", ["n_action_steps", "n_obs_steps", "empty_cameras"])
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a_number_of_the_configuration_that_is_none_is_one_line(bare, name, number):
+    if (name, number) != ("empty_cameras", 0) or number is False:
+        with one_line_error(PolicyError, f"config.json, got: {name}: expected a whole number from [01] to "):
+            catalog.digest("lerobot", {"checkpoint": str(bare(**{name: number}))})
+
+
+@pytest.mark.parametrize("shape", [*NUMBERS, [None], [-7], [math.inf], [[7]], {"a": 7}])
+def test_a_shape_that_is_none_is_one_line(bare, shape):
+    with one_line_error(PolicyError, "expected a configuration of LeRobot in "):
+        catalog.digest("lerobot", {"checkpoint": str(bare(output_features={"action": {"shape": shape}}))})
+
+
+def test_files_that_are_none_are_one_line(bare):
+    def refused(match):
+        with one_line_error(PolicyError, match):
+            catalog.digest("lerobot", {"checkpoint": str(folder)})
+
+    folder = bare()
+    os.mkfifo(folder / "more.json")
+    refused(r"more\.json: a named pipe, no regular file")
+    (folder / "more.json").unlink()
+    os.truncate(folder / "model.safetensors", 6 * 10**10)
+    refused(r"model\.safetensors: 60,000,000,000 bytes of holes")
+    os.truncate(folder / "config.json", 16_000_001)
+    refused("more than 16,000,000 bytes")
 
 
 TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {"shape": [3, 32, 32]}}
