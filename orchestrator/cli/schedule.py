@@ -23,11 +23,12 @@ from robogauntlet.orchestrator.cli.common import (
     runs_root,
 )
 from robogauntlet.orchestrator.cli.console_tables import rich_table
+from robogauntlet.orchestrator.cli.serve import PublicUrl, public_origin
 from robogauntlet.orchestrator.notifications import Message, Notifier, notifiers, send_all
 from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
-from robogauntlet.orchestrator.schedules.export import Target, render_for
+from robogauntlet.orchestrator.schedules.export import Target, render_all
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State, checked
-from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server
+from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server, why_unserved
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.report.formatting import NOTHING, TextTable
 from robogauntlet.results.report.history_plot import when
@@ -56,13 +57,16 @@ class _Stores:
             raise BadInput(f"no schedule '{name}'{did_you_mean(name, known)}")
         return schedule
 
-    def server(self, recipients: list[Notifier], max_parallel: int = 1) -> Server:
+    def server(self, recipients: list[Notifier], public_url: str | None, max_parallel: int = 1) -> Server:
+        public = None if public_url is None else str(public_origin(public_url))
+
         def send(message: Message) -> None:
             _log(message.title)
             for problem in send_all(message, recipients):
                 fail(problem)
 
-        return Server(self.schedules, self.history, self.root, send=send, log=_log, max_parallel=max_parallel)
+        places = self.schedules, self.history, self.root
+        return Server(*places, send=send, log=_log, max_parallel=max_parallel, public=public)
 
 
 @app.command()
@@ -99,7 +103,11 @@ def add(
 @app.command("list")
 def list_schedules(
     target: Annotated[
-        Target | None, typer.Option("--print", help="Print the schedules for systemd, cron or GitHub Actions.")
+        Target | None,
+        typer.Option(
+            "--print",
+            help="Print the schedules for systemd, cron or GitHub Actions; service: the servers for systemd.",
+        ),
     ] = None,
     name: Annotated[str | None, typer.Option("--name", help="Only this schedule.")] = None,
     url: HistoryUrl = None,
@@ -108,9 +116,9 @@ def list_schedules(
     with _open_stores(url) as stores:
         schedules = [stores.find(name)] if name else stores.schedules.schedules()
         last_runs = [stores.schedules.scheduled_runs(schedule=schedule.name, limit=1) for schedule in schedules]
+        unserved = why_unserved(stores.schedules, stores.root, time.time())
     if target is not None:
-        for schedule in schedules:
-            out.print(render_for(schedule, target, Path.cwd()), markup=False, soft_wrap=True, end="")
+        out.print(render_all(schedules, target, Path.cwd()), markup=False, soft_wrap=True, end="")
         return
     if not schedules:
         print_line("no schedule yet; add one: robogauntlet schedule add nightly SUITE --cron '0 2 * * *'")
@@ -121,6 +129,8 @@ def list_schedules(
         times = f"{schedule.cron} {schedule.timezone}"
         rows.append((schedule.name, schedule.suite, times, _next_time(schedule), state))
     out.print(rich_table(TextTable(("name", "suite", "when", "next", "last"), tuple(rows), 5), title="schedules"))
+    if unserved is not None:
+        fail(unserved)
 
 
 @app.command()
@@ -133,16 +143,21 @@ def remove(name: ScheduleName, url: HistoryUrl = None) -> None:
 
 
 @app.command("run-now")
-def run_now(name: ScheduleName, url: HistoryUrl = None) -> None:
-    """Run a schedule now, as if it were due. Exit code 1 after a regression or a run that failed."""
+def run_now(name: ScheduleName, public_url: PublicUrl = None, url: HistoryUrl = None) -> None:
+    """Run a schedule now, as if it were due. Exit code 1 after a regression or a run that failed.
+
+    If another process runs a schedule now, that one runs this one afterwards.
+    """
     with _open_stores(url) as stores:
         schedule = stores.find(name)
-        server = stores.server(notifiers(os.environ))
+        server = stores.server(notifiers(os.environ), public_url)
         try:
             with exclusive_server(stores.schedules.database, stores.root):
                 run = stores.schedules.trigger_now(schedule, time.time(), server.folder)
                 print_line(f"{name}: into {run.folder}")
                 run = server.play(schedule, run)
+                while others := [run for run in stores.schedules.scheduled_runs(state=State.DUE) if run.manual]:
+                    server.play(stores.find(others[-1].schedule), others[-1])
         except AlreadyRunning:
             run = stores.schedules.trigger_now(schedule, time.time(), server.folder)
             print_line(f"{name}: the running schedule server starts it, into {run.folder}")
@@ -158,15 +173,17 @@ def serve(
     max_parallel: Annotated[
         int, typer.Option("--at-once", min=1, help="Largest number of simultaneous runs; never two of the same suite.")
     ] = 1,
+    public_url: PublicUrl = None,
     url: HistoryUrl = None,
 ) -> None:
     """Start runs when they are due, until stopped. After a restart, runs are continued."""
     recipients = notifiers(os.environ)
     with _open_stores(url) as stores, exclusive_server(stores.schedules.database, stores.root):
         names = ", ".join(schedule.name for schedule in stores.schedules.schedules()) or "no schedule yet"
+        server = stores.server(recipients, public_url, max_parallel)
         targets = ", ".join(notifier.name for notifier in recipients) or "this log only"
         _log(f"serving {names}; notifications go to {targets}")
-        stores.server(recipients, max_parallel).serve()
+        server.serve()
 
 
 @app.command("test-message")

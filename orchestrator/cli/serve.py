@@ -22,15 +22,21 @@ log = logging.getLogger("robogauntlet.dashboard")
 TOKEN_READ = "ROBOGAUNTLET_TOKEN_READ"
 LEAST_TOKEN = 16
 """Fewest characters of a token that other machines may try."""
+PublicUrl = Annotated[
+    str | None,
+    typer.Option(
+        "--public-url",
+        metavar="URL",
+        envvar="ROBOGAUNTLET_PUBLIC_URL",
+        help="Address of the dashboard in browsers, if a proxy is in front of it.",
+    ),
+]
 
 
 def serve(
     host: Host = "127.0.0.1",
     port: Port = 8770,
-    public_url: Annotated[
-        str | None,
-        typer.Option(metavar="URL", help="Address of the dashboard in browsers, if a proxy is in front of it."),
-    ] = None,
+    public_url: PublicUrl = None,
     max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest size of an uploaded run (MB).")] = 256,
     max_uploads_gb: Annotated[
         float, typer.Option(min=0.001, max=1e6, help="Largest size of all uploaded runs together (GB).")
@@ -41,7 +47,7 @@ def serve(
 
     Its pages show running suites, results and schedules. Ctrl-C stops it.
     """
-    public = None if public_url is None else _public(public_url)
+    public = None if public_url is None else public_origin(public_url)
     token, read_token = _tokens(host, public)
 
     import uvicorn
@@ -84,7 +90,7 @@ def _log_to_stderr() -> None:
     log.propagate = False
 
 
-def _public(url: str) -> Origin:
+def public_origin(url: str) -> Origin:
     """The origin of the public address. Raises BadInput."""
     from robogauntlet.orchestrator.dashboard.origins import origin_of
 

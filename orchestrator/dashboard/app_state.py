@@ -24,6 +24,7 @@ from robogauntlet.orchestrator.dashboard.answers import WAITING, AnswerCache, Sl
 from robogauntlet.orchestrator.dashboard.bodies import GRACE_S
 from robogauntlet.orchestrator.dashboard.origins import Origin
 from robogauntlet.orchestrator.dashboard.upload_places import UploadPlaces, size_of
+from robogauntlet.orchestrator.schedules.server import why_unserved
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
@@ -43,6 +44,8 @@ LIVE_S = 0.5
 """Lifetime of the cached live status (s); it limits the load of the database, however many browsers watch."""
 NAMES_S = 15.0
 """Lifetime of the cached lists of names (s)."""
+UNSERVED_S = 5.0
+"""Lifetime of the cached answer whether the schedules are served (s)."""
 LONGEST_TEXT = 10_000
 """Largest length of a name or a message on a page (characters); longer ones are cut."""
 log = logging.getLogger("robogauntlet.dashboard")
@@ -99,6 +102,7 @@ class AppState:
         self.failure_kinds: AnswerCache[tuple[Any, ...], Mapping[FailureKind, int]] = AnswerCache(2048)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
+        self._unserved: AnswerCache[str, str] = AnswerCache(1, UNSERVED_S)
         self.slow, self.leaderboards, self.browsing = SlowWork(1, WAITING), SlowWork(1, WAITING), SlowWork(4, 20)
         """Comparisons; leaderboards; and pages that read the rows of many runs."""
         self.uploads = UploadPlaces(settings.max_uploads, self._size_of_uploads)
@@ -133,6 +137,11 @@ class AppState:
     def choices(self) -> Names:
         """Return the names for filters, at most `NAMES_S` old. Raises StoreError."""
         return self.names.get("all", self._read_names)
+
+    def unserved(self) -> str:
+        """A line if no process serves the schedules, or nothing. Raises StoreError."""
+        places = self.schedule_store, self.settings.root
+        return self._unserved.get("", lambda: why_unserved(*places, time.time()) or "")
 
     def _read_names(self) -> Names:
         lists = (self.history.suites(), queries.statuses(self.history), self.history.policies())

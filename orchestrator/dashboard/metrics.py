@@ -96,6 +96,12 @@ class _Gauges(Collector):
                 verdicts.add_metric([suite, str(verdict)], float(last == str(verdict)))
         yield verdicts
 
+        meaning = "1 if a process serves the schedules or there are none, else 0."
+        yield GaugeMetricFamily("robogauntlet_schedules_served", meaning, float(not self._app_state.unserved()))
+        meaning = "Runs that were due and that no process has started."
+        waiting = len(self._app_state.schedule_store.unserved(now))
+        yield GaugeMetricFamily("robogauntlet_schedules_waiting", meaning, float(waiting))
+
         due = GaugeMetricFamily(
             "robogauntlet_schedule_next_due_seconds", "When a schedule is due next (Unix time).", labels=["schedule"]
         )

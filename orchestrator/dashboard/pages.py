@@ -54,6 +54,7 @@ def overview(app_state: CurrentAppState) -> Response:
         verdicts=queries.compared_runs(app_state.history, LAST_VERDICTS),
         newest=app_state.history.runs(limit=LAST_VERDICTS),
         due=sorted(due, key=lambda due: due.at or 0.0)[:LAST_VERDICTS],
+        unserved=app_state.unserved(),
         statuses=queries.statuses(app_state.history),
     )
 
@@ -121,6 +122,7 @@ def schedule(app_state: CurrentAppState) -> Response:
         "schedule.html.jinja",
         here="/schedule",
         due=_due(app_state, time.time()),
+        unserved=app_state.unserved(),
         scheduled_runs=app_state.schedule_store.scheduled_runs(limit=LAST_SCHEDULED_RUNS),
         bad=(State.FAILED, State.MISSED),
     )

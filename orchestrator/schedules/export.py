@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -20,43 +21,43 @@ class Target(StrEnum):
     SYSTEMD = "systemd"
     CRON = "cron"
     GITHUB = "github"
+    SERVICE = "service"
+    """systemd, for the schedule server and the dashboard in place of a timer for each schedule."""
+
+
+def render_all(schedules: Sequence[Schedule], target: Target, root: Path) -> str:
+    """Render schedules as the configuration of another program, for runs in the working directory `root`.
+
+    Raises:
+        ScheduleError: The program cannot run one of these schedules.
+    """
+    if target is Target.SERVICE:
+        return _service("schedules", "schedule serve", root) + "\n" + _service("dashboard", "serve", root)
+    return "".join(render_for(schedule, target, root) for schedule in schedules)
 
 
 def render_for(schedule: Schedule, target: Target, root: Path) -> str:
-    """Render a schedule as the configuration of another program, for runs in the working directory `root`.
-
-    Raises:
-        ScheduleError: The program cannot run this schedule.
-    """
+    """Render a schedule as the configuration of another program; see `render_all`."""
     return {Target.SYSTEMD: _systemd, Target.CRON: _cron, Target.GITHUB: _github}[target](schedule, root)
 
 
-def _shell(schedule: Schedule) -> str:
-    """The shell commands of a run in a new folder and of its regression check."""
-    program = shlex.quote(str(Path(sys.executable).with_name("robogauntlet")))
-    arguments = " ".join(map(shlex.quote, (schedule.suite, *schedule.arguments)))
-    run = f'RUN=runs/{schedule.name}-$(date -u +%Y%m%d-%H%M%S) && {program} run {arguments} --out "$RUN"'
-    return f'{run} && {program} gate "$RUN"' if schedule.gate else run
+def _program() -> str:
+    return str(Path(sys.executable).with_name("robogauntlet"))
 
 
 def _cron(schedule: Schedule, root: Path) -> str:
-    commands = f"cd {shlex.quote(str(root))} && {_shell(schedule)}".replace("%", r"\%")
+    command = shlex.join([_program(), "schedule", "run-now", schedule.name])
+    commands = f"cd {shlex.quote(str(root))} && {command}".replace("%", r"\%")
     # Debian's cron has only the machine's time zone.
     note = "# cronie reads CRON_TZ; other crons (Debian, Ubuntu) use the machine's time zone\n"
+    note += "# variables of notifications (ROBOGAUNTLET_WEBHOOK_URL, ...) go above, a line each\n"
     return f"{note}CRON_TZ={schedule.timezone}\n{' '.join(expanded(schedule.cron))} {commands}\n"
 
 
 def _systemd(schedule: Schedule, root: Path) -> str:
-    shell = _shell(schedule).replace("%", "%%").replace("$", "$$")  # both are special in a unit
     events = "\n".join(f"OnCalendar={event} {schedule.timezone}" for event in on_calendar(schedule.cron))
-    return f"""# /etc/systemd/system/robogauntlet-{schedule.name}.service
-[Unit]
-Description=RoboGauntlet: {schedule.name}
-
-[Service]
-Type=oneshot
-WorkingDirectory={str(root).replace("%", "%%")}
-ExecStart=/bin/sh -c {shlex.quote(shell)}
+    return f"""{_unit(schedule.name, root)}Type=oneshot
+ExecStart={_words("schedule", "run-now", schedule.name)}
 
 # /etc/systemd/system/robogauntlet-{schedule.name}.timer
 [Unit]
@@ -69,6 +70,34 @@ Persistent={"false" if schedule.catch_up == "skip" else "true"}
 [Install]
 WantedBy=timers.target
 """
+
+
+def _service(name: str, verb: str, root: Path) -> str:
+    return f"""{_unit(name, root)}ExecStart={_words(*verb.split())}
+KillSignal=SIGINT
+Restart=on-failure
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+
+def _unit(name: str, root: Path) -> str:
+    """The first lines of a service; a file that is missing holds no variables."""
+    return f"""# /etc/systemd/system/robogauntlet-{name}.service
+# add User=NAME; variables of notifications and tokens go into the file, which only its owner should read
+[Unit]
+Description=RoboGauntlet: {name}
+
+[Service]
+WorkingDirectory={str(root).replace("%", "%%")}
+EnvironmentFile=-/etc/robogauntlet/environment
+"""
+
+
+def _words(*arguments: str) -> str:
+    """A command of a unit, in which `%` and `$` are special."""
+    return shlex.join([_program(), *arguments]).replace("%", "%%").replace("$", "$$")
 
 
 def on_calendar(cron: str) -> list[str]:

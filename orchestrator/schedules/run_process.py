@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from urllib.parse import quote
 
 from filelock import FileLock
 
@@ -93,16 +94,17 @@ def conclude(
     scheduled_run: ScheduledRun,
     code: int | None,
     send: SendMessage,
+    public: str | None = None,
 ) -> ScheduledRun:
     """Record the outcome of a run that has ended, send notifications and remove old folders.
 
     After a crash this is repeated: the verdict is the same, notifications may be sent twice. `code` is the exit code of
-    the run's process; None if another server started it.
+    the run's process; None if another server started it. Links are to the dashboard at the address `public`, if given.
 
     Raises:
         StoreError: A store cannot be written.
     """
-    folder, report = Path(scheduled_run.folder), str(Path(scheduled_run.folder) / "report.html")
+    folder = Path(scheduled_run.folder)
     try:
         document = read_run(folder)
     except RunError:
@@ -110,12 +112,13 @@ def conclude(
         send(_stopped(schedule, folder, outcome))
         return _close(schedule_store, scheduled_run, State.FAILED, outcome)
     record_run_folder(history, folder, document)
+    report = _report(folder, document, public)
     if document.status is not RunStatus.COMPLETE or code == BAD_INPUT:
         stopped = f"{document.status}: {document.reason or 'the run was stopped'}"
         outcome = _last_line(folder) if code == BAD_INPUT else stopped
         send(message_for(document, None, report) or _stopped(schedule, folder, outcome))
         return _close(schedule_store, scheduled_run, State.FAILED, outcome, document.run_id)
-    comparison, outcome = _check_regression(history, schedule, document, folder, send)
+    comparison, outcome = _check_regression(history, schedule, document, folder, send, report)
     if message := message_for(document, comparison, report):
         send(message)
     closed = _close(schedule_store, scheduled_run, State.DONE, outcome, document.run_id)
@@ -166,7 +169,7 @@ def remove_old(schedule_store: ScheduleStore, history: History, schedule: Schedu
 
 
 def _check_regression(
-    history: History, schedule: Schedule, document: RunDocument, folder: Path, send: SendMessage
+    history: History, schedule: Schedule, document: RunDocument, folder: Path, send: SendMessage, report: str
 ) -> tuple[Comparison | None, str]:
     """The comparison with the baseline run, if there is one and it is wanted, and the outcome in one line."""
     entry = history.find(document.run_id)
@@ -181,11 +184,18 @@ def _check_regression(
         comparison = check_regression(history, document, folder)
     except (RunError, StoreError) as error:
         lines = (str(error), f"to make this run the baseline: robogauntlet accept {folder.name}")
-        send(Message(f"NOT COMPARED: {folder.name}", lines, folder.name, str(folder / "report.html")))
+        send(Message(f"NOT COMPARED: {folder.name}", lines, folder.name, report))
         return None, f"{rate}; not compared: {error}"
     if comparison is None:
         return None, f"{rate}; the first of its suite"
     return comparison, f"{rate}; {comparison.verdict} against {comparison.baseline}"
+
+
+def _report(folder: Path, document: RunDocument, public: str | None) -> str:
+    """The address of a run's report on the dashboard, or its path."""
+    if public is None:
+        return str(folder / "report.html")
+    return f"{public}/runs/{quote(document.run_id, safe='')}/files/report.html"
 
 
 def _close(

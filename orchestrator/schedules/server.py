@@ -28,14 +28,14 @@ from robogauntlet.orchestrator.schedules.run_process import (
     missed,
 )
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, ScheduledRun, State
-from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.orchestrator.schedules.store import LATE_S, ScheduleStore
+from robogauntlet.results.report.history_plot import when
 from robogauntlet.results.store.database import Database, StoreError
 from robogauntlet.results.store.run_history import History
 from robogauntlet.support.errors import BadInput, describe, describe_os_error
 from robogauntlet.support.files import exclusive
+from robogauntlet.support.text import counted
 
-LATE_S = 60.0
-"""A run that was due longer ago and has not started is a missed one (s)."""
 POLL_S = 1.0
 MAX_KILLS = 3
 """Number of times that the process of a run may be killed before the run is given up."""
@@ -62,6 +62,7 @@ class Server:
         log: Callable[[str], None],
         max_parallel: int = 1,
         now: Callable[[], float] = time.time,
+        public: str | None = None,
     ) -> None:
         """Prepare to serve.
 
@@ -73,7 +74,9 @@ class Server:
             log: Takes lines about the progress.
             max_parallel: Largest number of simultaneous runs; two runs of a suite are never simultaneous.
             now: Returns the time (seconds since 1970, UTC).
+            public: Address of the dashboard, for links in notifications; by default they are paths.
         """
+        self._public = public
         self._store, self._history, self._root = schedule_store, history, root
         self._send, self._log, self._max_parallel, self._now = send, log, max_parallel, now
         self._processes: list[RunProcess] = []
@@ -129,7 +132,7 @@ class Server:
             while code is None and not has_ended(Path(scheduled_run.folder)):
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     code = running.process.wait(POLL_S)
-            concluded = conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+            concluded = conclude(self._store, self._history, schedule, scheduled_run, code, self._send, self._public)
             running.process.wait()
         except KeyboardInterrupt:
             self._processes.append(running)
@@ -212,7 +215,7 @@ class Server:
 
     def _conclude(self, schedule: Schedule, scheduled_run: ScheduledRun, code: int | None) -> None:
         try:
-            closed = conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+            closed = conclude(self._store, self._history, schedule, scheduled_run, code, self._send, self._public)
         except StoreError:
             raise
         except Exception as error:  # the run is over, whatever it has left; the others go on
@@ -246,3 +249,23 @@ def exclusive_server(database: Database, root: Path) -> Iterator[None]:
         return
     with exclusive(root / ".schedule.lock", AlreadyRunning(f"another schedule server runs on {root}")):
         yield
+
+
+def why_unserved(schedule_store: ScheduleStore, root: Path, now: float) -> str | None:
+    """Return a line if there are schedules that no process serves, with the runs that were due meanwhile, else None.
+
+    Raises:
+        StoreError: The database cannot be read.
+    """
+    if not schedule_store.schedules():
+        return None
+    try:
+        with exclusive_server(schedule_store.database, root):
+            pass
+    except AlreadyRunning:
+        return None
+    remedy = "; start one: robogauntlet schedule serve"
+    if not (times := schedule_store.unserved(now)):
+        return f"no process serves the schedules{remedy}"
+    runs = counted(len(times), "run was due", "runs were due")
+    return f"no process serves the schedules: {runs} since {when(times[0])} UTC{remedy}"

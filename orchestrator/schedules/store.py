@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
+from itertools import islice
 from typing import Any
 
 import sqlalchemy as sa
@@ -18,6 +20,8 @@ LOOK_BACK_S = 31 * 86_400.0
 """Runs that were due longer ago, while no schedule server ran, are not recorded (s)."""
 MAX_DUE = 1_000
 """Runs of a schedule that are recorded at once, the newest ones; more were due after a long pause only."""
+LATE_S = 60.0
+"""A run that was due longer ago and has not started is a missed one (s)."""
 AHEAD_S = 3600.0
 """A time recorded further in the future than this is due to a clock that was wrong (s)."""
 metadata = sa.MetaData()
@@ -164,6 +168,26 @@ class ScheduleStore:
                     self._insert(connection, schedule.name, moment, folder(schedule, moment), manual=False)
                 recorded += len(moments)
         return recorded
+
+    def unserved(self, now: float) -> list[float]:
+        """Return the times at which a run was due and none was started or recorded as missed, the oldest first.
+
+        These are at most `MAX_DUE` times of each schedule, and none of the last minute.
+
+        Args:
+            now: Seconds since 1970, UTC.
+
+        Raises:
+            StoreError: The database cannot be read.
+        """
+        with self.database.reading() as connection:
+            seen = [(_schedule(row), row.seen_until) for row in connection.execute(sa.select(_schedules))]
+        found = [run.due_at for run in self.scheduled_runs(state=State.DUE) if run.due_at < now - LATE_S]
+        for schedule, until in seen:
+            last = [run.due_at for run in self.scheduled_runs(schedule=schedule.name, limit=1)]
+            with contextlib.suppress(ScheduleError):  # its time zone is not known here
+                found += islice(schedule.due(max(until, now - LOOK_BACK_S, *last), now - LATE_S), MAX_DUE)
+        return sorted(found)
 
     def trigger_now(self, schedule: Schedule, now: float, folder: Callable[[Schedule, float], str]) -> ScheduledRun:
         """Record a run that a person starts now. Raises StoreError."""

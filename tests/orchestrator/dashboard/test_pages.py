@@ -245,7 +245,13 @@ def test_the_schedule_shows_next_times_and_outcomes(served):
     served.schedule_store.change(
         served.schedule_store.scheduled_runs()[0], state=State.FAILED, outcome="the disk was full"
     )
+    line = "no process serves the schedules; start one: robogauntlet schedule serve"
+    assert line in served.get("/").text
     page = served.get("/schedule").text
+    assert line in page
+    assert "robogauntlet_schedules_served 0.0\nrobogauntlet_schedules_waiting 0.0".splitlines() == [
+        row for row in served.get("/metrics").text.splitlines() if row.startswith("robogauntlet_schedules_")
+    ]
     assert "<code>0 2 * * *</code>" in page
     assert "Europe/Berlin" in page
     assert "the disk was full" in page

@@ -278,10 +278,14 @@ def test_a_run_whose_baseline_is_gone_is_done_with_a_notification(service):
         _, folder = service.record(scheduled_run, number)
         if number == 0:
             (folder / "episodes.sqlite").unlink()
-    closed = conclude(service.schedule_store, service.history, schedule, scheduled_run, 0, service.sent.append)
+    about = service.schedule_store, service.history, schedule, scheduled_run, 0, service.sent.append
+    closed = conclude(*about)
     assert closed.state is State.DONE
     assert "not compared" in closed.outcome
-    assert service.notified() == ["NOT COMPARED"]
+    conclude(*about, "https://lab.example.org")
+    assert service.notified() == ["NOT COMPARED"] * 2
+    address = f"https://lab.example.org/runs/{closed.run_id}/files/report.html"
+    assert [message.link for message in service.sent] == [str(folder / "report.html"), address]
 
 
 def test_old_folders_are_removed_but_not_their_results_nor_the_baseline(service):
