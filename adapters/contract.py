@@ -193,6 +193,9 @@ class Observation:
     """The goal in words."""
     of_joints: bool = False
     """Whether proprioception has the positions of joints, and an action their targets."""
+    hand_quaternion: FloatArray | None = None
+    """The hand's orientation in the world, xyzw, shape (4,), with the sign of the engine, which a benchmark's own
+    proprioception may depend on; None where no benchmark's does."""
 
     @property
     def action_dim(self) -> int:

@@ -21,9 +21,16 @@ def axis_angle(quaternion: FloatArray) -> FloatArray:
     angle of pointing down, and its angle lies in [0, 2 pi).
     """
     q = np.asarray(quaternion, dtype=np.float64)
+    return axis_angle_as_signed(-q if q[0] < 0 or (q[0] == 0 and q[3] < 0) else q)
+
+
+def axis_angle_as_signed(quaternion: FloatArray) -> FloatArray:
+    """Return the axis-angle vector (3,) of a quaternion xyzw (4,) of any length, of an angle in [0, 2 pi].
+
+    The sign of the quaternion decides between the two vectors of a rotation, as in robosuite's `quat2axisangle`.
+    """
+    q = np.asarray(quaternion, dtype=np.float64)
     q = q / np.linalg.norm(q)
-    if q[0] < 0 or (q[0] == 0 and q[3] < 0):
-        q = -q
     sine = float(np.linalg.norm(q[:3]))
     if sine < 1e-12:
         return np.zeros(3)

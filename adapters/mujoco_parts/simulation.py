@@ -5,14 +5,22 @@ from __future__ import annotations
 import importlib
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import ARM_PREFIXES, ActionSpec, FloatArray, Image, Motion, SimulatorUnavailable
-from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.contract import (
+    ARM_PREFIXES,
+    ActionSpec,
+    FloatArray,
+    Image,
+    Motion,
+    Observation,
+    SimulatorUnavailable,
+)
+from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
 from robogauntlet.adapters.mujoco_parts.fingers import Fingers, Pads, SlidingFingers
@@ -132,6 +140,10 @@ class MujocoSimulation(BaseSimulation):
         except SimulatorUnavailable:
             self.close()
             raise
+
+    def observe(self) -> Observation:
+        """Render the cameras of the view and read the arm, and its hand's quaternion as MuJoCo has it."""
+        return replace(super().observe(), hand_quaternion=wxyz_to_xyzw(self._arms[0].hand.xquat))
 
     def draw(self, camera: str, size: int) -> Image:
         """Render the present state, (size, size, 3)."""

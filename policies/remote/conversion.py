@@ -58,7 +58,7 @@ def encode_observation(convention: Convention, observation: Observation, episode
         if convention.joints:
             state = _native_joints(convention, state)
         elif convention.convention == "libero":
-            state = libero.native_proprioception(episode.task, state)
+            state = libero.native_proprioception(episode.task, state, observation.hand_quaternion)
         message[convention.proprioception] = state
     if convention.instruction is not None:
         message[convention.instruction] = observation.instruction

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.frames import axis_angle_as_signed
 from robogauntlet.policies.contract import PolicyMismatch
 
 BASES = {
@@ -48,7 +49,14 @@ def base_of(task: str) -> FloatArray:
     return np.array(BASES[scene])
 
 
-def native_proprioception(task: str, proprioception: FloatArray) -> FloatArray:
-    """Convert our proprioception (8,) to LIBERO's: position in the world, axis-angle, both finger joints."""
-    fingers = proprioception[6:] * [1.0, -1.0]
-    return np.concatenate([proprioception[:3] + base_of(task), proprioception[3:6], fingers])
+def native_proprioception(
+    task: str, proprioception: FloatArray, hand_quaternion: FloatArray | None = None
+) -> FloatArray:
+    """Convert our proprioception (8,) to LIBERO's: position in the world, axis-angle, both finger joints.
+
+    The evaluations apply `quat2axisangle` to MuJoCo's quaternion of the hand (4,), xyzw, whose sign depends on the
+    angles of all joints. Without it, the axis-angle is that of the branch around pointing down, which is another in
+    poses farther than a right angle from it.
+    """
+    turn = proprioception[3:6] if hand_quaternion is None else axis_angle_as_signed(hand_quaternion)
+    return np.concatenate([proprioception[:3] + base_of(task), turn, proprioception[6:] * [1.0, -1.0]])

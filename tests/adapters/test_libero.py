@@ -106,7 +106,7 @@ def test_an_episode_is_liberos_own_to_the_bit_in_state_and_images(drawer):
     assert np.array_equal(state, theirs)
     for camera, image in images.items():
         assert np.array_equal(seen.images[camera], image[::-1]), camera
-    ours = native_proprioception(f"libero/{DRAWER}", seen.proprioception)
+    ours = native_proprioception(f"libero/{DRAWER}", seen.proprioception, seen.hand_quaternion)
     np.testing.assert_allclose(ours[:3], proprioception[:3], atol=1e-9)
     np.testing.assert_allclose(ours[3:6], quat2axisangle(proprioception[3:7]), atol=1e-6)
     np.testing.assert_allclose(ours[6:], proprioception[7:], atol=1e-9)

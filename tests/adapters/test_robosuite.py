@@ -11,7 +11,9 @@ from robogauntlet.adapters.mujoco_parts.lights import development
 from robogauntlet.adapters.mujoco_parts.simulation import import_with_mujoco
 from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, unit
-from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.policies.remote.conversion import encode_observation
+from robogauntlet.policies.remote.server_options import read_options
+from robogauntlet.suites.episode import Episode, Protocol, RenderProfile, View
 
 pytestmark = pytest.mark.simulator
 
@@ -170,3 +172,24 @@ def test_a_task_of_several_objects_succeeds_when_all_are_in_their_places():
         found.append((outcome.reward, outcome.success))
     simulation.close()
     assert found == [(0.5, False), (1.0, True)]
+
+
+def test_convention_libero_gives_the_axis_angle_of_liberos_own_function_in_all_poses_of_the_arm(door, monkeypatch):
+    from robosuite.utils.transform_utils import quat2axisangle
+
+    door.reset(0)
+    monkeypatch.setattr(door, "draw", lambda camera, size: np.zeros((size, size, 3), np.uint8))
+    convention = read_options({"address": "a:1", "convention": "libero"})
+    episode = Episode("policy", "digest", "libero/goal-7-turn-on-stove", 0, Protocol(10))
+    generator, others = np.random.default_rng(0), 0
+    low, high = door._model.jnt_range[:7].T
+    for _ in range(300):
+        door._data.qpos[:7] = generator.uniform(low, high)
+        seen = door.observe()
+        turn = encode_observation(convention, seen, episode)["observation/state"][3:6]
+        w, *xyz = door._data.body("robot0_right_hand").xquat
+        np.testing.assert_allclose(turn, quat2axisangle(np.array([*xyz, w])), atol=1e-6)
+        half = np.arctan2(np.linalg.norm(xyz), w)
+        np.testing.assert_allclose(turn, 2.0 * half * np.array(xyz) / np.sin(half), atol=1e-6)
+        others += np.abs(turn - seen.proprioception[3:6]).max() > 1e-3
+    assert 30 < others < 270, "poses on both branches"
