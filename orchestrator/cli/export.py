@@ -14,7 +14,8 @@ import typer
 from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, Trust, out, print_line
 from robogauntlet.orchestrator.cli.hub import check_repository, push_folder
 from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
-from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, EpisodeFilter, write_datasets
+from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
+from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
@@ -113,7 +114,7 @@ def export(
     if form is Format.LEROBOT_DATASET:
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))
         policies = () if policy is None else (policy,)
-        selected = EpisodeFilter(policies, tuple(task or ()), tuple(condition or ()), statuses, limit)
+        selected = EpisodeFilter(policies, tuple(task or ()), tuple(condition or ()), statuses, limit=limit)
         _write_datasets(run, selected, file, store, trust)
         return
     if task or condition or status or limit:

@@ -10,6 +10,7 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import StoreUrl, Trust, fail, newest_run, out, print_line
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
+from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import (
     environments_of,
     policy_sources,
@@ -19,16 +20,31 @@ from robogauntlet.orchestrator.replay.replay import (
 from robogauntlet.orchestrator.runs.plan import why_impossible
 from robogauntlet.results.media_paths import changed_video_path, video_path
 from robogauntlet.results.record import EpisodeResult, Status, outcome_text
-from robogauntlet.results.run_document import read_run
+from robogauntlet.results.run_document import RunDocument, read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.conditions import changed_condition
+from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted
 
 
 def replay_episode(
-    episode_id: Annotated[str, typer.Argument(help="Id of a stored episode, or the beginning of it.")],
+    episode_id: Annotated[
+        str | None,
+        typer.Argument(
+            help="Id of a stored episode, or the beginning of it (robogauntlet list episodes); or --policy, --task "
+            "and --seed.",
+            show_default=False,
+        ),
+    ] = None,
     folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
+    policy: Annotated[str | None, typer.Option(help="The episode of this policy.")] = None,
+    task: Annotated[str | None, typer.Option(help="The episode in this task (simulator/task).")] = None,
+    seed: Annotated[int | None, typer.Option(help="The episode with this seed.")] = None,
+    at: Annotated[
+        str | None,
+        typer.Option("--condition", metavar="AXIS@SEVERITY", help="The episode under it; by default the clean one."),
+    ] = None,
     given: Annotated[
         list[str] | None,
         typer.Option("--with", metavar="AXIS@SEVERITY", help="Play it also with this axis. May be repeated."),
@@ -45,12 +61,16 @@ def replay_episode(
     With --with or --without it is played once more, changed in this one thing, and the video shows both side by side.
     Exit code 1 if the outcome differs from the row.
     """
+    named = {"--policy": policy, "--task": task, "--seed": seed, "--condition": at}
+    if episode_id is not None and (beside := next((name for name, value in named.items() if value is not None), None)):
+        raise BadInput(f"expected an episode's id or {beside}, got both")
     folder = folder or newest_run()
     document = read_run(folder)
     with closing(Store.open_begun(folder, document, store)) as rows:
-        row = rows.find(episode_id)
+        by_name = None if episode_id else _named(folder, document, rows, policy, task, seed, at or CLEAN)
+        row = rows.find(episode_id) if episode_id else by_name
     if row is None:
-        raise BadInput(f"{folder}: no episode {episode_id}; ids are in its episodes.parquet")
+        raise BadInput(f"{folder}: no episode {episode_id}; ids are listed by: robogauntlet list episodes {folder}")
     changes = given or left_out
     condition = changed_condition(row.episode.condition, given or (), left_out or ()) if changes else None
     if condition is not None and (reason := why_impossible(condition, row.task)):
@@ -79,3 +99,19 @@ def replay_episode(
         fail("the outcome differs from the stored row:\n" + "\n".join(replay.differences))
         raise typer.Exit(1)
     out.print("the same as stored")
+
+
+def _named(
+    folder: Path, document: RunDocument, rows: Store, policy: str | None, task: str | None, seed: int | None, at: str
+) -> EpisodeResult:
+    """The only episode of a policy in a task with a seed under a condition. Raises BadInput."""
+    if policy is None or task is None or seed is None:
+        needed = {"--policy": policy, "--task": task, "--seed": seed}
+        missing = ", ".join(name for name, value in needed.items() if value is None)
+        raise BadInput(f"expected an episode's id, or --policy, --task and --seed; got no id and no {missing}")
+    chosen = EpisodeFilter((policy,), (task,), (at,), tuple(map(str, Status)), (seed,))
+    found = chosen.select(document, rows.results())
+    if len(found) != 1:
+        listed = f"robogauntlet list episodes {folder}"
+        raise BadInput(f"{folder}: expected one such episode, the run has {len(found)}; they are listed by: {listed}")
+    return found[0]

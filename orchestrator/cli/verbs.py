@@ -16,7 +16,7 @@ VERBS = {
     "run": ("run:run", "Run a suite, or continue a run, and write its report."),
     "plan": ("plan:plan", "Show the episodes that a suite plans, without starting anything."),
     "validate": ("validate:validate", "Check suite files and report every mistake with its line."),
-    "list": ("list:list_names", "List simulators, tasks, policies and shipped suites."),
+    "list": ("list:list_names", "List simulators, tasks, policies, shipped suites, or the episodes of a run."),
     "doctor": ("doctor:doctor", "Check that the installed simulators open and render on this machine."),
     "search": (
         "search:search",

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from heapq import heappush, heappushpop
 from pathlib import Path
 
 from robogauntlet.adapters.contract import Simulation
@@ -19,64 +18,18 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
+from robogauntlet.orchestrator.replay.episode_filter import condition_of
 from robogauntlet.orchestrator.replay.replay import NotReplayed, replay, replay_rows
 from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
 from robogauntlet.policies.training.lerobot_format import DatasetError, EncodedEpisode, encode_episode
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.results.run_document import PlannedCell, RunDocument
-from robogauntlet.suites.conditions import condition_patterns
-from robogauntlet.suites.episode import Condition, content_hash
-from robogauntlet.suites.selection import match_patterns
+from robogauntlet.results.run_document import RunDocument
 
 PLAYED = (str(Status.FAILURE), str(Status.SUCCESS))
 """Statuses of episodes that can be replayed."""
 DESCRIBED = ("episode_id", "pair_id", "policy", "policy_digest", "axis", "severity", "status", "success_once")
 """Fields of the row that are stored with each episode, under `meta/episodes`."""
-
-
-@dataclass(frozen=True)
-class EpisodeFilter:
-    """Selects episodes of a run; all failures by default."""
-
-    policies: tuple[str, ...] = ()
-    """Names, or patterns."""
-    tasks: tuple[str, ...] = ()
-    """`simulator/task`, or patterns."""
-    conditions: tuple[str, ...] = ()
-    """`clean`, `noise@3`, `noise` for all severities, or patterns such as `n*@4`."""
-    statuses: tuple[str, ...] = (str(Status.FAILURE),)
-    limit: int | None = None
-    """Maximum per task, selected by the hashes of the ids. A larger limit adds to the selection of a smaller one."""
-
-    def select(self, document: RunDocument, rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
-        """The selected rows of a run, in the order in which they are replayed.
-
-        Raises:
-            SelectionError: A name or pattern matches nothing in the run.
-        """
-
-        def matching(what: str, patterns: Sequence[str], known: Iterable[str]) -> set[str]:
-            return match_patterns(what, patterns, list(dict.fromkeys(known)), whole="run")
-
-        policies = matching("policy", self.policies, (cell.policy for cell in document.plan))
-        tasks = matching("task", self.tasks, (cell.task for cell in document.plan))
-        shown = [pattern for text in self.conditions for pattern in condition_patterns(text)]
-        conditions = matching("condition", shown, map(_condition, document.plan))
-        drawn: dict[str, list[tuple[int, str, EpisodeResult]]] = {}
-        for row in rows:
-            is_named = row.policy in policies and row.task in tasks and _condition(row) in conditions
-            if not is_named or row.status not in self.statuses:
-                continue
-            heap = drawn.setdefault(row.task, [])
-            entry = (-int(content_hash(row.episode_id), 16), row.episode_id, row)
-            (heappush if self.limit is None or len(heap) < self.limit else heappushpop)(heap, entry)
-        selected = (row for heap in drawn.values() for _, _, row in heap)
-        return sorted(selected, key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
-
-
-def _condition(part: EpisodeResult | PlannedCell) -> str:
-    return str(Condition(part.axis, part.severity))
 
 
 def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode | str:
@@ -92,7 +45,7 @@ def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode 
         return recorders[-1]
 
     replayed = replay(row, runner, lambda simulation, step: recorders[-1].watch(simulation, step), record)
-    name = f"{row.episode_id} ({row.task}, {row.policy}, {_condition(row)}, seed {row.seed})"
+    name = f"{row.episode_id} ({row.task}, {row.policy}, {condition_of(row)}, seed {row.seed})"
     if replayed.result.status == Status.ERROR:
         return f"{name}: could not be played again: {replayed.result.error}"
     if replayed.differences:

@@ -125,7 +125,7 @@ SETTINGS = (
 MISSING = (
     ("plan", "Missing argument 'suite'"),
     ("validate", "Missing argument 'suites'"),
-    ("replay", "Missing argument 'episode_id'"),
+    ("replay", "expected an episode's id, or --policy, --task and --seed; got no id and no"),
     ("compare", "Missing argument 'RUN[:A]'"),
     ("bisect --bad zero --task null/Reach", "Missing option '--good'"),
     ("bisect --good oracle --task null/Reach", "Missing option '--bad'"),
@@ -184,7 +184,7 @@ UNKNOWN = (
     ("schedule test-message --nope", "No such option: --nope"),
     ("doctor extra", "Got unexpected extra argument(s) (extra)"),
     ("report runs/monday runs/tuesday", "Got unexpected extra argument(s) (runs/tuesday)"),
-    ("list extra", "Got unexpected extra argument(s) (extra)"),
+    ("list extra", "'extra' is not one of 'simulators', 'tasks'"),
     ("plan suite.yaml suite.yaml", "Got unexpected extra argument(s) (suite.yaml)"),
     ("schedule serve now", "Got unexpected extra argument(s) (now)"),
     ("run suite.yaml --seeds", "Option '--seeds' requires an argument"),

@@ -198,7 +198,8 @@ def test_an_episode_is_replayed_by_the_beginning_of_its_id_and_recorded(run_comm
 def test_an_episode_is_replayed_with_another_condition_beside_the_original(run_command, small_run):
     _, folder, _ = small_run
     changes = ("--with", "action-delay@2.5", "--with", "action-noise@1")
-    printed = run_command("replay", episode_of_oracle(folder, 3), "--run", folder, *changes).out
+    named = ("--policy", "oracle", "--task", "null/Reach", "--seed", "3")
+    printed = run_command("replay", *named, "--run", folder, *changes).out
     assert "null/Reach, oracle, seed 3, clean: success after " in printed
     assert "null/Reach, oracle, seed 3, action-delay@2.5+action-noise@1: " in printed
     (changed,) = (folder / "media/changed").iterdir()

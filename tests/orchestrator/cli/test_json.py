@@ -33,6 +33,29 @@ def test_a_pattern_lists_its_tasks_alone(printed, run_command):
     assert found.keys() == {"tasks"}
     assert {row["task"].partition("/")[0] for row in found["tasks"]} == {"pybullet"}
     assert "no task matches 'pybulet/*'" in run_command("list", "--task", "pybulet/*").refusal
+    assert "no task matches 'libero'; did you mean 'libero/*'?" in run_command("list", "--task", "libero").refusal
+
+
+@pytest.mark.parametrize("what", ["simulators", "tasks", "policies", "suites"])
+def test_one_kind_of_name_is_listed_alone(printed, what):
+    _, found = printed("list", what)
+    assert found.keys() == {what}
+
+
+def test_the_episodes_of_a_run_are_listed_by_their_names(printed, run_command, runs):  # noqa: F811
+    _, found = printed("list", "episodes", "runs/monday")
+    assert len(found["episodes"]) == 160
+    chosen = ("--policy", "p", "--task", "pybullet/*", "--condition", "clean", "--status", "failure")
+    _, found = printed("list", "episodes", "runs/monday", *chosen)
+    assert {(one["policy"], one["task"], one["outcome"]) for one in found["episodes"]} == {
+        ("p", "pybullet/B", "failure")
+    }
+    _, found = printed("list", "episodes", "runs/monday", *chosen, "--seed", "4")
+    (one,) = found["episodes"]
+    assert one.keys() == {"episode", "policy", "task", "condition", "seed", "outcome", "steps"}
+    printed_rows = run_command("list", "episodes", "runs/monday", *chosen).out
+    assert one["episode"] in printed_rows
+    assert len(printed_rows.splitlines()) == 11
 
 
 def test_a_plan_has_its_cells(printed, suite):  # noqa: F811

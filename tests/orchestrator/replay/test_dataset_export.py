@@ -16,7 +16,8 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter, record_episode
+from robogauntlet.orchestrator.replay.dataset_export import record_episode
+from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.suites.episode import Cell, Condition, Episode, Protocol, View
