@@ -248,11 +248,7 @@ class Goal:
     """Whether the gripper has to hold it."""
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            ValueError: One of them cannot be measured; the message has its name.
-        """
+        """Raise ValueError for a value that cannot be measured; the message has its name."""
         if not self.entry:
             raise ValueError("entry: expected the name of an entry of the privileged state")
         if not self.axes or set(self.axes) - set("xyz") or len(set(self.axes)) != len(self.axes):
@@ -304,10 +300,9 @@ class Simulation(Protocol):
         Always holds `tcp_position` (3,), `tcp_quaternion` (4,) xyzw and `finger_positions` (2,), and of a second arm
         `second_tcp_position` and so on in its own base's frame, and its base, `second_base_position` and
         `second_base_quaternion`, in the first's. Objects follow as `<name>_position` and `<name>_quaternion`, goals as
-        `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is the distance that they slid
-        meanwhile (m). Where an action has the targets of joints, there are `joint_angles` and `gripper` as in
-        proprioception, (n,) and (1,), the present `joint_targets` (n,) (rad), and `tcp_jacobian` (6, n): translation
-        (m) and rotation (rad) of the tool for each radian.
+        `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is how far they slid (m). Where
+        actions are targets of joints, there are `joint_angles` (n,) and `gripper` (1,) as in proprioception, the
+        present `joint_targets` (n,) (rad), and `tcp_jacobian` (6, n): the tool's motion (m, rad) per radian.
         """
 
     def state_hash(self) -> str:
@@ -357,6 +352,8 @@ class TaskDescription:
     """Names of the arm's joints, if an action has their targets; empty if it moves the tool."""
     variant_of: str = ""
     """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
+    start_states: int | None = None
+    """Number of stored states in which it can start, which suites play once each; None if every seed has its own."""
 
     def __post_init__(self) -> None:
         """Check the number of arms, see `Body`."""

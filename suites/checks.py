@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from robogauntlet.suites.axes import AXES, why_exclusive
-from robogauntlet.suites.episode import AT, CAMERAS, CLEAN, CONTROLS, Condition, ProtocolName
+from robogauntlet.suites.episode import AT, CAMERAS, CLEAN, CONTROLS, FIRST_TRAINING_SEED, Condition, ProtocolName
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
 from robogauntlet.suites.schema import Mistake, Suite, expand_tasks, robots_by_task, with_robots
@@ -31,6 +31,7 @@ def check_names(suite: Suite, names: Registry) -> list[Mistake]:
         *_check_roles(suite),
         *_check_references(suite, names),
         *_check_adaptive(suite),
+        *_check_seeds(suite, names),
     ]
 
 
@@ -256,3 +257,29 @@ def _check_adaptive(suite: Suite) -> Iterator[Mistake]:
             ("adaptive", "round"),
             f"adaptive.round: expected {suite.adaptive.max_seeds} seeds at most, got {suite.adaptive.round}",
         )
+
+
+def _check_seeds(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    """Seeds that would start as others of the same task do."""
+    known = (name for name in expand_tasks(suite.tasks, names.tasks) if name in names.tasks)
+    played = range(suite.seeds.start, suite.seeds.start + suite.seeds.count)
+    most = played if suite.adaptive is None else range(played.start, played.start + suite.adaptive.max_seeds)
+    for task in known:
+        if why := names.tasks[task].why_repeated(played):
+            yield ("seeds",), f"{task}: {why}"
+            return
+        if why := names.tasks[task].why_repeated(most):
+            yield ("adaptive", "max_seeds"), f"{task}: {why}"
+            return
+
+
+def training_seeds(suite: Suite) -> str | None:
+    """Return a warning if the suite plays seeds that are for training and development, else None."""
+    count = suite.seeds.count if suite.adaptive is None else suite.adaptive.max_seeds
+    last = suite.seeds.start + count - 1
+    if last < FIRST_TRAINING_SEED:
+        return None
+    return (
+        f"seeds {suite.seeds.start} to {last}: those from {FIRST_TRAINING_SEED} on are for training and development, "
+        "and a policy that was trained on them has seen them"
+    )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED
+
 
 @dataclass(frozen=True)
 class KnownTask:
@@ -15,6 +17,23 @@ class KnownTask:
     """Whether it is for tests only, and not suggested to users."""
     robot: str = ""
     """Its robot, if it is a task for several."""
+    start_states: int | None = None
+    """Stored states in which it can start, if seeds choose among them."""
+
+    def why_repeated(self, seeds: range) -> str | None:
+        """Return why some of the seeds would start like others and be counted as new, None if none would.
+
+        Seeds for training have no stored states.
+        """
+        states = self.start_states
+        if states is None or seeds[-1] < states or seeds[0] >= FIRST_TRAINING_SEED:
+            return None
+        there = (
+            "seed 0 alone, since it has one stored state"
+            if states == 1
+            else (f"seeds 0 to {states - 1}, since it has {states} stored states")
+        )
+        return f"expected {there}, which further seeds repeat; got seeds {seeds[0]} to {seeds[-1]}"
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
 """LIBERO (robosuite 1.4, MuJoCo): 130 tasks of a Panda at a table, with fifty stored initial states each.
 
-**What a seed means.** Seed s starts from stored state s modulo 50. A stored state holds the poses of the arm, the
+**What a seed means.** Seed s starts from stored state s, modulo 50. A stored state holds the poses of the arm, the
 objects and the joints of fixtures, but not of the fixtures (cabinet, stove, microwave, rack): LIBERO draws those, up to
 1.9 cm apart, from NumPy's global generator, which the adapter seeds with s during the reset. Seeds from 1,000,000 on,
 which are for training, start from LIBERO's own placement of everything, so that no demonstration starts as an
 evaluation does. Seeds from 50 on repeat the stored states with other poses of the fixtures, and in tasks without
-fixtures repeat the episodes of 0 to 49.
+fixtures repeat the episodes of 0 to 49: suites with such seeds are refused.
 
 Particular to this adapter:
 
@@ -34,7 +34,7 @@ import numpy as np
 from robogauntlet.adapters.contract import ActionSpec, AdapterError, FloatArray, StepOutcome
 from robogauntlet.adapters.libero.libero_import import Libero, open_libero, silenced
 from robogauntlet.adapters.libero.objects import LiberoObjects, libero_object
-from robogauntlet.adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
+from robogauntlet.adapters.libero.tasks import STORED_STATES, TABLES, LiberoTask, libero_tasks
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.control import ControlLoop, Version
@@ -52,8 +52,6 @@ REACHED = (0.262, 0.236)
 """Measured share of a translation and of a rotation that the tool covers in a control step of steady motion (along the
 axes 25.4 to 26.9 % and 23.0 to 25.1 %). A critically damped spring gives s / (1 + s / 2) = 26.5 % with
 s = sqrt(150) / 2 / 20; friction in the joints explains the rest."""
-STORED_STATES = 50
-"""Stored states of each task."""
 SETTLING = 10
 """Control steps after the stored state is set, before the episode begins."""
 PATIENCE = 40

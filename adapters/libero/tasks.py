@@ -20,6 +20,8 @@ SUITES = {name: f"libero_{name}" for name in ("spatial", "object", "goal", "10",
 HORIZONS = {"spatial": 220, "object": 280, "goal": 300, "10": 520, "90": 400}
 """Control steps after settling, as in OpenVLA's evaluation (experiments/robot/libero/run_libero_eval.py) and later
 ones: a little more than the longest demonstration."""
+STORED_STATES = 50
+"""Stored states of each task."""
 TABLES = ("tabletop", "kitchen_tabletop")
 """Arenas whose table is a box and can be painted."""
 
@@ -74,7 +76,9 @@ class LiberoTask:
     @property
     def description(self) -> TaskDescription:
         """The task, as the catalog shows it."""
-        return TaskDescription(self.instruction, HORIZONS[self.suite], self._fixed(), goal=self._goal())
+        return TaskDescription(
+            self.instruction, HORIZONS[self.suite], self._fixed(), goal=self._goal(), start_states=STORED_STATES
+        )
 
     def _goal(self) -> Goal | None:
         """Return the goal, unless it has several parts, is about a fixture, or is not about an object's centre."""

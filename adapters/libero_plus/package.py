@@ -14,7 +14,7 @@ import numpy as np
 from robogauntlet.adapters.contract import FloatArray, TaskUnavailable
 from robogauntlet.adapters.libero.assets import Assets, find_assets, package_folder
 from robogauntlet.adapters.libero.libero_import import Libero, open_libero, read_states
-from robogauntlet.adapters.libero.simulation import STORED_STATES
+from robogauntlet.adapters.libero.tasks import STORED_STATES
 from robogauntlet.adapters.libero_plus.task_files import CLASS, Scene, categories, plus_folder, scene_of, task_file
 from robogauntlet.adapters.libero_plus.variants import PlusAxis, Variant, variants
 

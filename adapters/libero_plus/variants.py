@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 
 from robogauntlet.adapters.contract import TaskDescription
-from robogauntlet.adapters.libero.tasks import LiberoTask, libero_tasks
+from robogauntlet.adapters.libero.tasks import STORED_STATES, LiberoTask, libero_tasks
 from robogauntlet.adapters.libero_plus.task_files import rewritten_instruction
 
 OWN_VIEW = (0, 0, 100, 0, 0)
@@ -115,6 +115,7 @@ class Variant:
             goal=own.goal,
             published_instruction=self.published_instruction,
             variant_of=f"libero/{self.base.task}",
+            start_states=1 if self.axis is PlusAxis.LAYOUT else STORED_STATES,
         )
 
 

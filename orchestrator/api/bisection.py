@@ -24,7 +24,7 @@ from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted
 
 SEEDS = 200
-"""Largest number of seeds per checkpoint and task, if none is given."""
+"""Largest number of seeds per checkpoint and task, if none is given and the tasks do not have fewer stored states."""
 MAX_SEEDS = 10_000
 PREFIX = "bisect-"
 """What the name of the suite begins with, so that its runs are no baselines of others."""
@@ -35,7 +35,7 @@ def bisect(
     bad: str | Path,
     checkpoints: Sequence[str | Path],
     tasks: str | Sequence[str],
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     out: Path | str | None = None,
     *,
     options: Mapping[str, Any] | None = None,
@@ -52,7 +52,8 @@ def bisect(
         bad: The policy after them.
         checkpoints: Those between, in their order. Without any, only the ends are compared.
         tasks: A task, `simulator/task`, or a pattern such as `pybullet/*`; or several.
-        seeds: Largest number of seeds per checkpoint and task, from 0.
+        seeds: Largest number of seeds per checkpoint and task, from 0; by default 200, or as many as the tasks have
+            stored states.
         out: Run folder; by default a new one below `runs/`. A search of the same checkpoints, tasks and seeds that is
             in it is continued.
         options: Options of the policies; each goes to those whose kind has it.
@@ -74,7 +75,7 @@ def bisect(
 def plan_search(
     texts: Sequence[str],
     tasks: Sequence[str],
-    seeds: int,
+    seeds: int | None,
     folder: Path | None,
     options: Mapping[str, Any],
     settings: Mapping[str, Any],
@@ -86,13 +87,15 @@ def plan_search(
         PolicyError: A policy cannot be used.
         PlanError: The run cannot be started.
     """
-    if isinstance(seeds, bool) or not isinstance(seeds, int) or seeds > MAX_SEEDS:
+    if isinstance(seeds, bool) or not isinstance(seeds, int | None) or (seeds or 0) > MAX_SEEDS:
         raise BadInput(f"seeds: expected their number, {MAX_SEEDS:,} at most, got {seeds!r}")
     for number, text in enumerate(texts):
         if text in texts[:number]:
             raise BadInput(f"expected each policy once, got '{text}' twice")
     entries = with_options([read_reference(text) for text in texts], options)
-    plan, folder = compose_plan(entries, tasks, seeds=seeds, folder=folder, settings=settings, prefix=PREFIX)
+    plan, folder = compose_plan(
+        entries, tasks, seeds=seeds, most=SEEDS, folder=folder, settings=settings, prefix=PREFIX
+    )
     if plan.unavailable:
         raise PlanError("\n".join(f"{name}: {reason}" for name, reason in plan.unavailable.items()))
     return plan, folder

@@ -35,7 +35,7 @@ class EvaluationStopped(UserError):
 def evaluate(
     policy: str | Path | Policy | Callable[..., FloatArray],
     tasks: str | Sequence[str],
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     conditions: str | Sequence[str] = "clean",
     out: Path | str | None = None,
     *,
@@ -63,7 +63,7 @@ def evaluate(
             an object with such a `__call__`, whose `reset()`, if it has one, is called at the start of each episode;
             its class; or a policy of `robogauntlet.policies.contract`.
         tasks: A task, `simulator/task`, or a pattern such as `pybullet/*`; or several.
-        seeds: Number of seeds, from 0.
+        seeds: Number of seeds, from 0; by default 20, or as many as the tasks have stored states.
         conditions: `AXIS` for all severities of a perturbation axis, `AXIS@SEVERITY[,SEVERITY]`, or `clean`, which is
             always included; or several.
         out: Run folder; by default a new one below `runs/`. A run of the same policy and tasks that is in it is
@@ -86,7 +86,7 @@ def evaluate(
         EvaluationStopped: The run ended early.
     """
     listed, shifts = _texts("tasks", tasks, "a task"), _texts("conditions", conditions, "a condition")
-    if isinstance(seeds, bool) or not isinstance(seeds, int):
+    if isinstance(seeds, bool) or not isinstance(seeds, int | None):
         raise BadInput(f"seeds: expected their number, such as {SEEDS}, got {seeds!r}")
     with ExitStack() as stack:
         tracker = None if log is None else stack.enter_context(LiveTracker(read_tracker(log), log_project))

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from robogauntlet.orchestrator.api.bisection import MAX_SEEDS, SEEDS, plan_search, play_search
+from robogauntlet.orchestrator.api.bisection import MAX_SEEDS, plan_search, play_search
 from robogauntlet.orchestrator.api.evaluation import EvaluationStopped
 from robogauntlet.orchestrator.cli.common import (
     EXIT_INTERRUPTED,
@@ -46,8 +46,15 @@ def bisect(
     ] = None,
     option: PolicyOptions = None,
     seeds: Annotated[
-        int, typer.Option("--seeds", min=1, max=MAX_SEEDS, help="The most seeds per checkpoint and task.")
-    ] = SEEDS,
+        int | None,
+        typer.Option(
+            "--seeds",
+            min=1,
+            max=MAX_SEEDS,
+            help="The most seeds per checkpoint and task; by default 200, or as many as the tasks have stored states.",
+            show_default=False,
+        ),
+    ] = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Run folder; the same search that is in it is continued.")
     ] = None,
@@ -70,7 +77,7 @@ def bisect(
     arguments = ["robogauntlet", "bisect", "--good", good, "--bad", bad, *(checkpoints or ())]
     arguments += [argument for name in task for argument in ("--task", name)]
     arguments += [argument for name, value in options.items() for argument in ("--option", option_text(name, value))]
-    command = shlex.join([*arguments, "--seeds", str(seeds), "--out", str(folder)])
+    command = shlex.join([*arguments, "--seeds", str(plan.suite.seeds.count), "--out", str(folder)])
     if not as_json:
         print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} at most, into {folder}")
     progress = Progress(Console(quiet=True) if as_json else out)

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.runs.adaptive_stopping import key_of
@@ -121,6 +122,7 @@ def answer(plan: Plan, asked: Asked, folder: Path | None, store: str | None) -> 
         cells=tuple(key_of(cell) for cell in plan.cells),
         comparison=plan.suite.comparison,
         adaptive=plan.suite.adaptive,
+        most_seeds=_most_seeds(plan),
     )
     stored = needed.NOTHING
     if folder is not None:
@@ -137,6 +139,13 @@ def answer(plan: Plan, asked: Asked, folder: Path | None, store: str | None) -> 
         answers += needed.seeds_for_difference(size, asked.detect, discordance=asked.discordance, stored=stored)
         adaptive = needed.adaptive_seeds(size, asked.detect, discordance=asked.discordance, stored=stored)
     return {"seeds_needed": answers, "adaptive": adaptive}
+
+
+def _most_seeds(plan: Plan) -> int | None:
+    """Seeds from the suite's first on that start each of its tasks differently; None without a limit."""
+    known = task_descriptions()
+    states = [found for task in plan.suite.tasks if (found := known[task].start_states) is not None]
+    return min(states) - plan.suite.seeds.start if states and plan.suite.seeds.start < min(states) else None
 
 
 def _check_stored(size: Any, stored: Any, asked: Asked, folder: Path) -> None:

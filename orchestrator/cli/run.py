@@ -34,7 +34,7 @@ from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.episodes.policy_source import given_variables
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
-from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan, new_run_folder
+from robogauntlet.orchestrator.runs.composition import compose_plan, new_run_folder
 from robogauntlet.orchestrator.runs.plan import find_suite, fitted, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
@@ -138,7 +138,7 @@ def run(
         plan, folder = compose_plan(
             with_options([read_reference(text) for text in policy or ()], policy_options),
             task or (),
-            seeds=SEEDS if seeds is None else seeds,
+            seeds=seeds,
             conditions=condition or (),
             folder=out_folder,
             only=required,

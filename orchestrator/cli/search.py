@@ -76,6 +76,10 @@ def search(
     for one in searches:
         for name, reason in one.skipped.items():
             said(f"{one.task}: {name} is skipped: {reason}")
+        if one.start_states is not None:
+            said(
+                f"{one.task}: its {one.start_states} stored states are played once each, which may end the budget early"
+            )
     again = f"continue with: {_command(folder)}"
     try:
         found = play_search(request, searches, folder, said)

@@ -17,7 +17,12 @@ import pandas as pd
 import torch
 
 from robogauntlet.orchestrator.episodes.rollout import routing_fields
-from robogauntlet.orchestrator.routing_evaluation.first_observations import Listener, collect_first_observations
+from robogauntlet.orchestrator.routing_evaluation.first_observations import (
+    FirstObservationError,
+    Listener,
+    collect_first_observations,
+)
+from robogauntlet.orchestrator.runs.plan import load_registry
 from robogauntlet.policies.contract import check_routing
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
@@ -40,7 +45,7 @@ class RoutingStudyRequest:
 
     checkpoint: str
     """Folder or hub id of a merged checkpoint."""
-    seeds: Sequence[int]
+    seeds: range
     """Seeds of the episodes, which are clean and not used in training."""
     keep: Path | None = None
     """Folder in which first observations are cached."""
@@ -99,13 +104,17 @@ def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingSt
 
     Raises:
         PolicyError: The checkpoint or the demonstrations cannot be used.
-        FirstObservationError: A task cannot be observed.
+        FirstObservationError: A task cannot be observed, or some of its seeds start alike.
         OSError: The cache of first observations cannot be written.
     """
     torch.set_num_threads(1)
     checkpoint = load_merged(request.checkpoint)
     metadata, routers, training_set = checkpoint.metadata, all_routers(checkpoint.fitted, request.routers), None
     tasks = tuple(chain.from_iterable(metadata.tasks.values()))
+    known = load_registry().tasks
+    for task in tasks:
+        if task in known and (why := known[task].why_repeated(request.seeds)):
+            raise FirstObservationError(f"{task}: {why}")
     if request.demonstrations:  # first, because it finds mistakes early
         datasets = datasets_of(request.demonstrations, tasks)
         training_set = first_observations(datasets, checkpoint.parts.architecture.cameras)

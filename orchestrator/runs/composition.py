@@ -22,7 +22,7 @@ from robogauntlet.support.errors import BadInput
 SUITE_FILE = "suite.yaml"
 """The suite in the folder of a run without a suite file."""
 SEEDS = 20
-"""Number of seeds, if none is given."""
+"""Number of seeds, if none is given and the tasks have as many stored states, or store none."""
 RUNS = Path("runs")
 
 
@@ -37,7 +37,8 @@ def compose_plan(
     policies: Sequence[PolicyEntry],
     tasks: Sequence[str],
     *,
-    seeds: int = SEEDS,
+    seeds: int | None = None,
+    most: int = SEEDS,
     first_seed: int = 0,
     conditions: Sequence[str] = (),
     folder: Path | None = None,
@@ -50,7 +51,8 @@ def compose_plan(
     Args:
         policies: The policies.
         tasks: `simulator/task`, or patterns.
-        seeds: Number of seeds.
+        seeds: Number of seeds; by default `most`, or as many as the tasks have stored states.
+        most: See `seeds`.
         first_seed: The first of them.
         conditions: `clean`, `AXIS` for all its severities, or `AXIS@SEVERITY[,SEVERITY]`; clean is always included.
         folder: The run folder; by default a new one below `runs/`.
@@ -62,6 +64,8 @@ def compose_plan(
         BadInput: Something does not exist, or is not as described; a line for each.
         PlanError: The suite cannot be run.
     """
+    if seeds is None:
+        seeds = min([most, *_start_states(tasks)])
     if seeds < 1:
         raise BadInput(f"seeds: expected 1 or more, got {seeds}")
     name = _suite_name(tasks, prefix)
@@ -94,6 +98,13 @@ def _shared_cameras(tasks: Sequence[str]) -> tuple[str, ...]:
     known = task_descriptions()
     found = [known[task] for task in expand_tasks(tasks, load_registry().tasks) if task in known]
     return tuple(camera for camera in CAMERAS if all(camera in task.cameras for task in found))
+
+
+def _start_states(tasks: Sequence[str]) -> list[int]:
+    """The numbers of stored states of those of the tasks, or patterns, that have some."""
+    known = load_registry().tasks
+    found = (known[task].start_states for task in expand_tasks(tasks, known) if task in known)
+    return [states for states in found if states is not None]
 
 
 def _suite_name(tasks: Sequence[str], prefix: str) -> str:

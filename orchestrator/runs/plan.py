@@ -18,7 +18,7 @@ from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policie
 from robogauntlet.policies import catalog as policies
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
-from robogauntlet.suites.checks import check_names
+from robogauntlet.suites.checks import check_names, training_seeds
 from robogauntlet.suites.episode import Cell, Condition
 from robogauntlet.suites.loading import REQUIRED, Problem, SuiteError, load_suite, problem_at
 from robogauntlet.suites.plugins import did_you_mean
@@ -57,7 +57,7 @@ class Plan:
     notes: tuple[str, ...] = ()
     """What of the suite was chosen as its policies ask, a line each."""
     warnings: tuple[str, ...] = ()
-    """What its policies ask for and do not get, a line each."""
+    """What its policies ask for and do not get, and what its seeds cannot show, a line each."""
     environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
     """The environment of each simulator."""
 
@@ -117,7 +117,7 @@ class _DeclaredTasks(Mapping[str, KnownTask]):
     def __getitem__(self, task: str) -> KnownTask:
         description = simulators.task_descriptions()[task]
         declared = simulators.simulators()[task.partition("/")[0]]
-        return KnownTask(description.horizon, declared.internal, description.robot)
+        return KnownTask(description.horizon, declared.internal, description.robot, description.start_states)
 
     def __iter__(self) -> Iterator[str]:
         return iter(simulators.task_descriptions())
@@ -243,7 +243,7 @@ def make_plan(
         unsupported=unsupported,
         left_out=tuple(task for task in chosen if task not in suite.tasks),
         notes=found.notes,
-        warnings=found.warnings,
+        warnings=(*found.warnings, *filter(None, [training_seeds(suite)])),
         environments=environments,
     )
 

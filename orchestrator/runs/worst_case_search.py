@@ -13,6 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
+from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.runs.composition import compose_plan
 from robogauntlet.orchestrator.runs.plan import Plan, check_same, why_impossible
 from robogauntlet.orchestrator.runs.progress import Progress
@@ -23,6 +24,7 @@ from robogauntlet.results.report.worst_cases import plain_cases
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.statistics.boundary import Trials
 from robogauntlet.results.statistics.worst_case import (
+    LEAST_STATES,
     MOST_EPISODES,
     Answer,
     Point,
@@ -76,6 +78,8 @@ class TaskSearch:
     budget: int
     skipped: dict[str, str] = field(default_factory=dict)
     """Axes that the task cannot have, each with the reason."""
+    start_states: int | None = None
+    """Stored states among which seeds choose, or None."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,13 @@ def _task_search(task: str, named: Sequence[str], budget: int) -> TaskSearch:
     skipped = {name: reason for name, reason in reasons.items() if reason}
     if named and skipped:
         raise BadInput("\n".join(f"--axis {name}: {task} cannot have it: {reason}" for name, reason in skipped.items()))
-    return TaskSearch(task, tuple(name for name in reasons if name not in skipped), budget, skipped)
+    states = task_descriptions()[task].start_states
+    if states is not None and states < LEAST_STATES:
+        raise BadInput(
+            f"{task}: expected {LEAST_STATES} stored states or more to search on some and confirm on others, "
+            f"it has {states}"
+        )
+    return TaskSearch(task, tuple(name for name in reasons if name not in skipped), budget, skipped, states)
 
 
 def play_search(
@@ -206,7 +216,7 @@ class _TaskPlayer:
     def play(self) -> SearchedTask:
         request, search = self._request, self._search
         whole = [name for name in search.axes if AXES[name].unchanged is None]
-        space = SearchSpace(search.axes, whole, _combine)
+        space = SearchSpace(search.axes, whole, _combine, search.start_states)
         rounds = search_worst_cases(space, search.budget, below=request.below, seed=request.seed)
         try:
             asked = next(rounds)

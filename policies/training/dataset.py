@@ -309,7 +309,7 @@ def open_datasets(folders: Sequence[Path]) -> list[Demonstrations]:
     for dataset in datasets:
         if evaluated := sorted(seed for seed in dataset.seeds if seed < FIRST_TRAINING_SEED):
             raise DatasetError(
-                f"{dataset.folder}: expected seeds from {FIRST_TRAINING_SEED} on, which suites do not play, "
+                f"{dataset.folder}: expected seeds from {FIRST_TRAINING_SEED} on, which are for training, "
                 f"got {evaluated[0]}: a policy that is trained on it would be evaluated on what it has seen"
             )
     return datasets

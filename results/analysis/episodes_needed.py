@@ -57,6 +57,8 @@ class SuiteSize:
     """Policy digest, task, axis and severity of each cell."""
     comparison: CompareEntry | None = None
     adaptive: AdaptiveEntry | None = None
+    most_seeds: int | None = None
+    """Seeds per task that start differently; None without a limit."""
 
     def pairs(self) -> list[tuple[int, int]]:
         """Positions of the policies of each comparison: with the baseline of the suite, else any two."""
@@ -97,9 +99,9 @@ class SeedsNeeded:
     """The success rate, or the share of pairs that disagree."""
     alpha: float
     """1 minus the interval's confidence, or the largest p-value that counts."""
-    seeds: int
-    """Seeds per task that are needed."""
-    episodes: int
+    seeds: int | None
+    """Seeds per task that are needed; None if they are more than there are."""
+    episodes: int | None
     """Episodes of the suite with this number of seeds."""
     worker_s: float | None
     """Wall time of these episodes in one worker, without building and loading (s); None if it is not known."""
@@ -109,6 +111,8 @@ class SeedsNeeded:
     """Probability of detecting the difference with the seeds of the suite; None for a width."""
     is_enough: bool
     """Whether the seeds of the suite are enough."""
+    most_seeds: int | None = None
+    """Seeds per task that there are, if there is a limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +130,8 @@ class AdaptiveSeeds:
     power: float
     """Probability of a decision within `max_seeds`."""
     needed: int | None
-    """The `max_seeds` with which the comparison is decided with a probability of 0.8; None for more than simulated."""
+    """The `max_seeds` with which the comparison is decided with a probability of 0.8; None for more than simulated, or
+    than there are."""
 
 
 @dataclass(frozen=True)
@@ -243,6 +248,8 @@ def adaptive_seeds(
     generator = np.random.default_rng(SEED)
     times = stopping_times(assumed.share, target, (tasks * chosen).tolist(), rule.alpha, generator)
     most, needed = tasks * rule.max_seeds, times.needed()
+    if needed is not None and size.most_seeds is not None and needed > tasks * size.most_seeds:
+        needed = None
     return AdaptiveSeeds(
         difference=target,
         assumed=assumed,
@@ -273,18 +280,20 @@ def _answer(
     power: float | None,
 ) -> SeedsNeeded:
     seeds = -(-trials // tasks)
+    there = size.most_seeds is None or seeds <= size.most_seeds
     return SeedsNeeded(
         goal=goal,
         target=target,
         tasks=tasks,
         assumed=assumed,
         alpha=alpha,
-        seeds=seeds,
-        episodes=seeds * len(size.cells),
-        worker_s=stored.worker_s(size, seeds),
+        seeds=seeds if there else None,
+        episodes=seeds * len(size.cells) if there else None,
+        worker_s=stored.worker_s(size, seeds) if there else None,
         reached=reached,
         power=power,
         is_enough=size.seeds >= seeds,
+        most_seeds=size.most_seeds,
     )
 
 

@@ -17,19 +17,21 @@ def seeds_table(answers: Sequence[SeedsNeeded], seeds: int) -> TextTable:
     rows = []
     for one in answers:
         time = (seconds(one.worker_s),) if timed else ()
+        wanted = f"over {one.most_seeds:,}" if one.seeds is None else count(one.seeds)
+        played = NOTHING if one.episodes is None else count(one.episodes)
         enough = "yes" if one.is_enough else "no"
-        rows.append((_question(one), count(one.seeds), count(one.episodes), *time, _reached(one), enough))
+        rows.append((_question(one), wanted, played, *time, _reached(one), enough))
     return TextTable(header, tuple(rows), 1)
 
 
 def assumptions(answers: Sequence[SeedsNeeded], seeds: int) -> list[str]:
     """A sentence per question: what was assumed, where it is from, and how the answer is computed."""
-    return [f"{_question(one)}: {_assumed(one)}; {_method(one, seeds)}" for one in answers]
+    return [f"{_question(one)}: {_assumed(one)}; {_method(one, seeds)}{_too_few(one)}" for one in answers]
 
 
 def adaptive_sentence(found: AdaptiveSeeds) -> str:
     """When the rule of an adaptive suite decides."""
-    needed = "more than were simulated" if found.needed is None else f"max_seeds {found.needed:,}"
+    needed = "more than were simulated or than there are" if found.needed is None else f"max_seeds {found.needed:,}"
     return (
         f"adaptive: a condition with a difference of {_points(found.difference)} points and "
         f"{_percent(found.assumed.share)} of pairs that disagree is decided after {found.pairs:,.0f} pairs on average "
@@ -61,6 +63,12 @@ def _method(one: SeedsNeeded, seeds: int) -> str:
     shared = "" if tests == 1 else f" ({ALPHA:g} for {tests:,} tests together)"
     power = f"power {100 * POWER:.0f} %, with {counted(seeds, 'seed')} {percent(one.power)}"
     return f"McNemar's exact test at {one.alpha:.2g}{shared}, {power}"
+
+
+def _too_few(one: SeedsNeeded) -> str:
+    if one.seeds is not None:
+        return ""
+    return f"; the stored states of a task are {counted(one.most_seeds or 0, 'seed')}, so that it takes more tasks"
 
 
 def _points(share: float) -> str:

@@ -10,11 +10,14 @@ from itertools import combinations
 import numpy as np
 
 from robogauntlet.results.statistics.boundary import Boundary, BoundaryEstimate, Trials, excess
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED
 
 LARGEST = 5.0
 """The largest severity of an axis."""
 FIRST_CONFIRMATION_SEED = 10_000
-"""Seeds of the search lie below, those of the confirmation from here on."""
+"""Seeds of the search lie below, those of the confirmation from here on, if each seed has a start of its own."""
+LEAST_STATES = 40
+"""Start states of the smallest search on a task whose seeds choose among some."""
 MOST_EPISODES = 50_000
 """Largest budget, with which the seeds of the search stay below those of the confirmation."""
 SEARCHED = 0.6
@@ -53,6 +56,8 @@ class SearchSpace:
     """Those that have whole severities only."""
     combine: Callable[[Collection[str]], bool] = lambda names: True
     """Whether axes combine."""
+    start_states: int | None = None
+    """Start states among which seeds choose, of which the search never plays one twice; None without a limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +145,10 @@ def search_worst_cases(
     3. Confirmation on seeds that the search did not see: every axis and the smallest combination, each at the smallest
        severity that is likely to be confirmed; half of these episodes are for the smallest ones alone.
 
+    Of limited start states three fifths are for the search. Where they end before the budget, less of it is played.
+
     Args:
-        space: The axes, at least one.
+        space: The axes, at least one, and `LEAST_STATES` start states or more.
         budget: Episodes in all, clean ones included.
         below: The share of the clean rate.
         seed: Draws the random directions.
@@ -184,6 +191,10 @@ class _Search:
         self._space, self._budget, self._below = space, budget, below
         self._random = np.random.default_rng(seed)
         self._used = self._seed = 0
+        states = space.start_states
+        self._confirming = range(FIRST_CONFIRMATION_SEED, FIRST_TRAINING_SEED)
+        if states is not None:
+            self._confirming = range(int(SEARCHED * states), states)
         self._clean = Trials()
         self._alone = [_Direction(space, {axis: 1.0}, below) for axis in space.axes]
         self._combined: list[_Direction] = []
@@ -191,7 +202,8 @@ class _Search:
     def run(self) -> Generator[Round, Answer, WorstCases]:
         searched, count = int(SEARCHED * self._budget), len(self._alone)
         alone = searched if count == 1 else max(searched // 2, LEAST_TRIALS * (count + 1))
-        yield from self._rounds("axes alone", self._alone, alone, ROUNDS, points=math.ceil(3 / count))
+        end = self._confirming.start // (1 if count == 1 or self._space.start_states is None else 2)
+        yield from self._rounds("axes alone", self._alone, alone, ROUNDS, math.ceil(3 / count), end)
         if self._hopeless():
             return WorstCases(self._clean, Trials(), episodes=self._used)
         finalists: list[_Direction] = []
@@ -204,15 +216,15 @@ class _Search:
         return clean.trials > 0 and clean.successes < LEAST_CLEAN * clean.trials
 
     def _rounds(
-        self, stage: str, directions: Sequence[_Direction], budget: int, rounds: int, points: int
+        self, stage: str, directions: Sequence[_Direction], budget: int, rounds: int, points: int, end: int
     ) -> Generator[Round, Answer, None]:
-        """Play directions, and clean, for as many episodes as the budget allows."""
+        """Play directions, and clean, for as many episodes as the budget allows on seeds before `end`."""
         left = budget
         for remaining in range(rounds, 0, -1):
             asked = {id(one): one.estimate.ask(points) for one in directions}
             played = [one.point(t) for one in directions for t in asked[id(one)]]
             listed = tuple(dict.fromkeys([CLEAN_POINT, *filter(None, played)]))
-            seeds = left // remaining // len(listed)
+            seeds = min(left // len(listed), end - self._seed) // remaining
             if seeds < 1:
                 continue
             answer = yield self._round(stage, listed, seeds)
@@ -235,8 +247,8 @@ class _Search:
 
     def _halve(self, budget: int) -> Generator[Round, Answer, list[_Direction]]:
         """Search combinations, and return those that are left."""
-        count = MOST_DIRECTIONS
-        while count > FINALISTS and budget < count * LEAST_RUNG * math.log2(2 * count / FINALISTS):
+        count, seeds = MOST_DIRECTIONS, self._confirming.start - self._seed
+        while count > FINALISTS and min(budget / count, seeds) < LEAST_RUNG * math.log2(2 * count / FINALISTS):
             count //= 2
         self._combined = left = self._directions(count)
         for one in left:
@@ -245,7 +257,8 @@ class _Search:
         end = self._used + budget
         for rung in range(rungs, 0, -1):
             share = (end - self._used) // rung
-            yield from self._rounds("combined", left, share, RUNG_ROUNDS, points=max(1, round(4 / len(left))))
+            last = self._seed + (self._confirming.start - self._seed) // rung
+            yield from self._rounds("combined", left, share, RUNG_ROUNDS, max(1, round(4 / len(left))), last)
             if rung > 1:
                 left = sorted(left, key=lambda one: one.estimate.median)[: max(FINALISTS, math.ceil(len(left) / 2))]
         return left
@@ -283,9 +296,10 @@ class _Search:
 
     def _confirm(self, finalists: Sequence[_Direction]) -> Generator[Round, Answer, WorstCases]:
         """Play what was found on fresh seeds."""
-        left = self._budget - self._used
-        broad = left // 2 // (len(self._alone) + 1 + bool(finalists))
+        left, fresh = self._budget - self._used, len(self._confirming)
+        broad = min(left // 2 // (len(self._alone) + 1 + bool(finalists)), fresh // 2)
         deep = broad + (left - broad * (len(self._alone) + 1 + bool(finalists))) // (2 + bool(finalists))
+        deep = min(deep, fresh)
         combined = min(
             (claim for one in finalists if len((claim := _Claim(one, deep)).point) > 1 and claim.breaks),
             key=lambda claim: claim.order,
@@ -294,13 +308,14 @@ class _Search:
         deeply = min((_Claim(one, deep) for one in self._alone), key=lambda claim: claim.order)
         claims = [deeply if one is deeply.direction else _Claim(one, broad) for one in self._alone]
         wanted = [*claims, *([combined] if combined else [])]
-        self._seed, answers = FIRST_CONFIRMATION_SEED, []
+        self._seed, answers = self._confirming.start, []
         listed = tuple(dict.fromkeys([CLEAN_POINT, *(claim.point for claim in wanted)]))
         focus = tuple(dict.fromkeys([CLEAN_POINT, deeply.point, *([combined.point] if combined else [])]))
         if len(listed) > len(focus):
-            seeds = left // 2 // len(listed)
+            seeds = min(left // 2 // len(listed), fresh // 2)
             answers.append((yield self._round("confirmation", listed, seeds)))
-        answers.append((yield self._round("confirmation", focus, (self._budget - self._used) // len(focus))))
+        seeds = min((self._budget - self._used) // len(focus), self._confirming.stop - self._seed)
+        answers.append((yield self._round("confirmation", focus, seeds)))
         found = [claim.concluded(answers, self._below) for claim in wanted]
         return WorstCases(
             self._clean,

@@ -12,8 +12,8 @@ from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.libero import SIMULATOR
 from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.adapters.libero.libero_import import open_libero
-from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL, STORED_STATES
-from robogauntlet.adapters.libero.tasks import libero_tasks
+from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL
+from robogauntlet.adapters.libero.tasks import STORED_STATES, libero_tasks
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception

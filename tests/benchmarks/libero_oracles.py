@@ -5,8 +5,7 @@ The run stays in `runs/bench/libero-oracles`, so that a second call plays what i
 
 import pandas as pd
 
-from robogauntlet.adapters.libero.simulation import STORED_STATES
-from robogauntlet.adapters.libero.tasks import libero_tasks
+from robogauntlet.adapters.libero.tasks import STORED_STATES, libero_tasks
 from robogauntlet.policies.oracles.libero import SCRIPTS
 from robogauntlet.results.api import open_run
 from tests.benchmarks.document import WRITTEN, write_episodes

@@ -1,6 +1,7 @@
 """Suite files: all mistakes are reported at once, with their lines and the nearest names."""
 
 import textwrap
+from contextlib import nullcontext
 
 import pytest
 
@@ -220,6 +221,40 @@ def test_the_message_for_an_unknown_task_names_those_of_its_simulator(problems):
     assert problems(SOUND.replace("robosuite/Lift", "robosuite/PushCube-v1")) == [
         "3: unknown task 'robosuite/PushCube-v1'; did you mean 'robosuite/Lift'?"
     ]
+
+
+@pytest.mark.parametrize(
+    ("seeds", "refused"),
+    [
+        ("{count: 50}", None),
+        ("{start: 49, count: 1}", None),
+        ("{start: 1000000, count: 60}", None),
+        ("{count: 51}", "seeds 0 to 49, since it has 50 stored states, which further seeds repeat; got seeds 0 to 50"),
+        (
+            "{start: 30, count: 40}",
+            "seeds 0 to 49, since it has 50 stored states, which further seeds repeat; got seeds 30 to 69",
+        ),
+        (
+            "{start: 999999, count: 2}",
+            "seeds 0 to 49, since it has 50 stored states, which further seeds repeat; got seeds 999999 to 1000000",
+        ),
+    ],
+)
+def test_seeds_that_would_repeat_stored_states_are_refused(tmp_path, seeds, refused):
+    path = tmp_path / "s.yaml"
+    path.write_text(f"name: s\npolicies: [oracle]\ntasks: [a/*]\nseeds: {seeds}\n")
+    names = Registry({"a/Free": KnownTask(50), "a/Stored": KnownTask(50, start_states=50)}, NAMES.policies, {})
+    with nullcontext() if refused is None else pytest.raises(SuiteError, match=f": a/Stored: expected {refused}$"):
+        load_suite(path, names)
+
+
+def test_seeds_that_an_adaptive_suite_may_reach_would_repeat_stored_states(tmp_path):
+    names = Registry({"a/Stored": KnownTask(50, start_states=1)}, NAMES.policies, {})
+    path = tmp_path / "s.yaml"
+    compare = "compare: {baseline: oracle, others: [random]}\nadaptive: {max_seeds: 2, round: 1}\n"
+    path.write_text(f"name: s\npolicies: [oracle, random]\ntasks: [a/Stored]\nseeds: {{count: 1}}\n{compare}")
+    with pytest.raises(SuiteError, match="a/Stored: expected seed 0 alone, since it has one stored state"):
+        load_suite(path, names)
 
 
 def test_internal_tasks_and_policies_are_not_suggested(tmp_path):

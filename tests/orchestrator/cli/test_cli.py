@@ -14,6 +14,7 @@ import pytest
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.cli.axes import _supporting_tasks
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.suites.axes import AXES
 from tests import ROOT
 from tests.processes import GAUNTLET, run_gauntlet
@@ -65,6 +66,15 @@ def test_validate_finds_every_mistake_in_every_file(run_command, tmp_path, suite
         f"robogauntlet: {wrong}:3: unknown policy 'oracel'; did you mean 'oracle'?",
         f"robogauntlet: {wrong}:4: unknown task 'null/Slo'; did you mean 'null/Slow'?",
     ]
+
+
+def test_seeds_of_training_are_played_with_a_warning(run_command, suite):
+    suite.write_text(suite.read_text().replace("{count: 60}", "{start: 999998, count: 4}"))
+    said = "seeds 999998 to 1000001: those from 1000000 on are for training and development"
+    assert said in run_command("validate", suite).out
+    assert make_plan(suite).warnings[0].startswith(said)
+    suite.write_text(suite.read_text().replace("count: 4", "count: 2"))
+    assert make_plan(suite).warnings == ()
 
 
 def test_quiet_prints_nothing_but_problems_and_verbose_the_traceback_too(run_command, suite):

@@ -105,6 +105,7 @@ def test_a_checkpoint_without_fitted_routers_is_evaluated_with_the_others(zoo, n
         (["{zoo}/merged", "--json", "{zoo}/none/x.json"], "--json: expected a file in an existing folder"),
         (["{zoo}/merged", "--demonstrations", "{zoo}/data/Reach"], "got none of null/Slow"),
         (["{zoo}/merged", "--router", "paper-coded:rank=0"], "rank=1 or more, block=0 or more, got 'rank=0'"),
+        (["zoo:libero-merged"], ": expected seeds 0 to 49, since it has 50 stored states, which further seeds repeat"),
         # The null simulator's task Raise raises at seed 7.
         (["{zoo}/merged", "--first-seed", "7", "--seeds", "1"], "null: RuntimeError: the null simulator was asked to"),
     ],

@@ -3,10 +3,12 @@
 import pytest
 import yaml
 
+from robogauntlet.orchestrator.runs import composition
 from robogauntlet.orchestrator.runs.composition import SUITE_FILE, compose_plan, new_run_folder
 from robogauntlet.policies.references import read_reference
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import CAMERAS, RenderProfile
+from robogauntlet.suites.registry import KnownTask, Registry
 from robogauntlet.suites.schema import MAX_NAME, policy_entry
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
@@ -25,6 +27,13 @@ def test_the_suite_is_clean_with_twenty_seeds_by_default():
     suite, written = suite_of()
     assert (suite.seeds.count, [str(condition) for condition in suite.all_conditions()]) == (20, ["clean"])
     assert written["policies"] == [{"name": "oracle", "kind": "oracle"}]
+
+
+def test_no_more_seeds_are_chosen_than_tasks_have_stored_states(monkeypatch):
+    known = {"null/Reach": KnownTask(40), "null/Slow": KnownTask(40, start_states=7)}
+    monkeypatch.setattr(composition, "load_registry", lambda: Registry(known, {}))
+    assert [suite_of(tasks)[0].seeds.count for tasks in (["null/Reach"], ["null/Reach", "null/S*"])] == [20, 7]
+    assert compose_plan(ORACLE, ["null/Slow"], most=200)[0].suite.seeds.count == 7
 
 
 @pytest.mark.parametrize(

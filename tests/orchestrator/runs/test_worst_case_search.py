@@ -2,14 +2,17 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
+from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.runs import worst_case_search
 from robogauntlet.orchestrator.runs.worst_case_search import SearchRequest, SearchStopped, plan_search, play_search
 from robogauntlet.policies.references import read_reference
 from robogauntlet.results.report.worst_cases import boundary_table, confirmation_table, smallest_text
 from robogauntlet.results.run_document import RunStatus, read_run
+from robogauntlet.results.statistics.worst_case import LEAST_STATES
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import FIRST_TRAINING_SEED
 from robogauntlet.support.errors import BadInput
@@ -160,6 +163,18 @@ def test_axes_that_a_task_cannot_have_are_skipped_with_the_reason():
     assert "dynamics" not in search.axes
     assert "blind" not in search.axes
     assert {"camera-orbit", "action-delay", "distractors"} <= set(search.axes)
+
+
+def test_a_task_with_too_few_stored_states_is_not_searched(monkeypatch):
+    known = {"null/Reach": task_descriptions()["null/Reach"]}
+    for states in (LEAST_STATES, LEAST_STATES - 1):
+        few = {**known, "null/Reach": replace(known["null/Reach"], start_states=states)}
+        monkeypatch.setattr(worst_case_search, "task_descriptions", lambda few=few: few)
+        if states == LEAST_STATES:
+            assert plan_search(request())[0].start_states == states
+        else:
+            with pytest.raises(BadInput, match=r"^null/Reach: expected 40 stored states or more to search on some and"):
+                plan_search(request())
 
 
 def test_the_budget_is_shared_by_the_tasks():

@@ -131,7 +131,7 @@ def test_each_decisive_setting_changes_the_weights(pool, base, tmp_path, change)
 
 def test_data_that_start_as_an_evaluation_does_are_refused(tmp_path):
     write(tmp_path, [recording(FIRST_TRAINING_SEED), recording(7)])
-    with one_line_error(DatasetError, "expected seeds from 1000000 on, which suites do not play, got 7: a policy"):
+    with one_line_error(DatasetError, "expected seeds from 1000000 on, which are for training, got 7: a policy"):
         DatasetMixture.open([tmp_path])
 
 

@@ -46,6 +46,20 @@ def test_an_interval_over_all_tasks_needs_fewer_seeds_than_one_of_a_task():
     assert whole.worker_s is None
 
 
+def test_no_more_seeds_are_proposed_than_there_are():
+    limited = size(most_seeds=62)
+    enough, single = seeds_for_width(limited, 0.05, rate=0.8)
+    assert enough.seeds == seeds_for_width(size(), 0.05, rate=0.8)[0].seeds == 62
+    assert (single.seeds, single.episodes, single.worker_s, single.is_enough) == (None, None, None, False)
+    assert seeds_table([enough, single], 20).rows[1][1:3] == ("over 62", "–")
+    assert assumptions([enough, single], 20)[1].endswith(
+        "; the stored states of a task are 62 seeds, so that it takes more tasks"
+    )
+    rule = AdaptiveEntry(max_seeds=50, round=10)
+    assert adaptive_seeds(size(adaptive=rule), 0.02).needed > 50
+    assert adaptive_seeds(size(adaptive=rule, most_seeds=50), 0.02).needed is None
+
+
 def test_without_any_episode_the_worst_case_is_assumed():
     width, difference = seeds_for_width(size(), 0.05)[0], seeds_for_difference(size(), 0.1)[0]
     assert (width.assumed.share, width.assumed.source) == (0.5, "the worst case")

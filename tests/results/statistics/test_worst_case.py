@@ -8,6 +8,7 @@ import pytest
 from robogauntlet.results.statistics.boundary import BoundaryEstimate, Trials, excess, is_below
 from robogauntlet.results.statistics.worst_case import (
     FIRST_CONFIRMATION_SEED,
+    LEAST_STATES,
     MOST_EPISODES,
     SearchSpace,
     least_budget,
@@ -147,6 +148,21 @@ def test_the_budget_is_kept_and_no_seed_of_the_search_confirms(count, budget):
     searching = [seed for one in rounds if one.stage != "confirmation" for seed in one.seeds]
     assert max(searching) < FIRST_CONFIRMATION_SEED <= min(confirming)
     assert max(confirming) < FIRST_TRAINING_SEED
+
+
+@pytest.mark.parametrize("states", [LEAST_STATES, 50])
+@pytest.mark.parametrize(("count", "budget"), [(1, 40), (2, 100), (2, MOST_EPISODES), (18, 420), (18, 5000)])
+def test_of_limited_start_states_none_is_played_twice_and_none_of_the_search_confirms(count, budget, states):
+    rounds = []
+    policy = Policy(**{f"axis{n}": 2.0 + n for n in range(count)})
+    found = run(policy, budget, rounds=rounds, start_states=states)
+    played = [(point, seed) for one in rounds for point in one.points for seed in one.seeds]
+    assert len(set(played)) == len(played) == found.episodes <= budget
+    confirming = {seed for one in rounds if one.stage == "confirmation" for seed in one.seeds}
+    searching = {seed for one in rounds if one.stage != "confirmation" for seed in one.seeds}
+    assert not confirming & searching
+    assert confirming | searching <= set(range(states))
+    assert found.axes[0].boundary.value == pytest.approx(policy.alone("axis0"), abs=0.8)
 
 
 def test_even_the_largest_budget_keeps_the_seeds_apart():
