@@ -51,7 +51,7 @@ class UnknownTask(AdapterError):
 
 
 class TaskUnavailable(AdapterError):
-    """The task cannot be played here, though others of its simulator can: it needs files that are missing."""
+    """The task cannot be played here, though others of its simulator can: it needs what is missing here."""
 
 
 class UnsupportedCondition(AdapterError):

@@ -44,7 +44,7 @@ class FailureKind(StrEnum):
 
 
 LEFT_OUT = "left out"
-"""Beginning of the error of an episode whose task lacks files here: nothing went wrong."""
+"""Beginning of the error of an episode whose task cannot be played here, though others of its simulator can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from PIL import Image as Pillow
 from PIL import ImageOps
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, ActionSpec, FloatArray, Image, SimulatorUnavailable
+from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, ActionSpec, FloatArray, Image, TaskUnavailable
 from robogauntlet.adapters.frames import relative_pose
 from robogauntlet.adapters.goals import goal_mistakes
 from robogauntlet.adapters.gymnasium.mapping import EnvironmentMapping
@@ -55,7 +55,7 @@ def make(mapping: EnvironmentMapping) -> Any:
     """Make the environment without a time limit.
 
     Raises:
-        SimulatorUnavailable: A package is missing.
+        TaskUnavailable: A package is missing.
         ValueError: gymnasium cannot make the environment.
     """
     os.environ.setdefault("MUJOCO_GL", "egl")
@@ -65,7 +65,7 @@ def make(mapping: EnvironmentMapping) -> Any:
     try:
         return gymnasium.make(mapping.env, disable_env_checker=True, max_episode_steps=-1, **rendered | mapping.make)
     except ModuleNotFoundError as error:
-        raise SimulatorUnavailable(f"{mapping.env}: {error}; install the package that provides it") from error
+        raise TaskUnavailable(f"{mapping.env}: {error}; install the package that provides it") from error
     except Exception as error:  # A constructor may raise anything.
         raise ValueError(f"env: gymnasium cannot make '{mapping.env}': {' '.join(str(error).split())}") from error
 

@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, StepOutcome
+from robogauntlet.adapters.contract import (
+    ACTION_DIM,
+    AdapterError,
+    FloatArray,
+    Image,
+    SimulatorUnavailable,
+    StepOutcome,
+    TaskUnavailable,
+)
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.gymnasium.expressions import value_of
 from robogauntlet.adapters.gymnasium.mapping import (
@@ -135,11 +143,15 @@ def open_environment(task: str, view: View) -> GymnasiumSimulation:
     """Open the environment of a mapping file.
 
     Raises:
-        SimulatorUnavailable: A package is missing.
-        AdapterError: The file has mistakes, or does not fit the environment; the message has a line for each.
+        SimulatorUnavailable: This machine cannot render.
+        TaskUnavailable: A package is missing, the file has mistakes, or it does not fit the environment; the message
+            has a line for each. Tasks of other files can be played.
     """
-    mapping = load_mapping(FILES[task])
     try:
-        return GymnasiumSimulation(mapping, view)
+        return GymnasiumSimulation(load_mapping(FILES[task]), view)
     except ValueError as error:
-        raise AdapterError(f"{FILES[task]}: {error}") from error
+        raise TaskUnavailable(f"{FILES[task]}: {error}") from error
+    except SimulatorUnavailable:
+        raise
+    except AdapterError as error:
+        raise TaskUnavailable(str(error)) from error

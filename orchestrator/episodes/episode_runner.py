@@ -10,14 +10,14 @@ from contextlib import suppress
 from dataclasses import replace
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import AdapterError, Simulation, TaskUnavailable
+from robogauntlet.adapters.contract import AdapterError, Simulation, SimulatorUnavailable, TaskUnavailable
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.episodes.rollout import Watcher, rollout
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies.contract import Policy, PolicyError, check_fit
 from robogauntlet.results.record import LEFT_OUT, EpisodeResult
-from robogauntlet.suites.episode import Episode, View
+from robogauntlet.suites.episode import CAMERAS, Episode, View
 from robogauntlet.support.errors import describe
 
 UNKNOWN_DEVICE = "an unknown device, as its first task is left out"
@@ -51,20 +51,32 @@ class EpisodeRunner:
     def prepare(self, task: str, view: View) -> Readiness:
         """Open a task and render a frame, to check that the simulator works here.
 
-        If the task lacks files, the first task of the simulator's list shows it.
+        If the task cannot be opened, another one of the simulator shows it: the episodes of the first then say what is
+        wrong with theirs, whichever task comes first.
 
         Raises:
             AdapterError: The simulator does not work; the message says why.
+            Exception: Whatever the simulator raises.
         """
-        name = task.partition("/")[0]
+        name, _, short = task.partition("/")
         simulator, frame_s = simulators.find(name), None
         try:
             simulation = self.simulation(task, view)
-        except TaskUnavailable:
+        except SimulatorUnavailable:
+            raise
+        except Exception as problem:  # simulators raise anything
+            other = next((other for other in simulator.tasks if other != short), short)
+            cameras = tuple(camera for camera in view.cameras if camera in simulator.tasks[other].cameras)
             try:
-                simulation = self.simulation(f"{name}/{next(iter(simulator.tasks))}", view)
+                simulation = self.simulation(f"{name}/{other}", replace(view, cameras=cameras or CAMERAS[:1]))
             except TaskUnavailable:
-                return Readiness(os.getpid(), UNKNOWN_DEVICE, None)
+                if isinstance(problem, TaskUnavailable):
+                    return Readiness(os.getpid(), UNKNOWN_DEVICE, None)
+                raise problem from None
+            except SimulatorUnavailable:
+                raise
+            except Exception:
+                raise problem from None
         if simulator.renders:
             simulation.reset(0)  # the contract does not define a simulation before its first reset
             simulation.observe()

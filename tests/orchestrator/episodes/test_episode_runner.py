@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from robogauntlet.adapters.contract import Delivered, TaskUnavailable
+from robogauntlet.adapters.contract import AdapterError, Delivered, TaskUnavailable
 from robogauntlet.adapters.null import SIMULATOR, NullSimulation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease
@@ -165,6 +165,29 @@ def test_a_task_that_lacks_files_is_left_out_and_the_others_are_played(runner, w
 @pytest.mark.parametrize("missing", [{"Raise"}])
 def test_the_render_device_is_known_although_the_first_task_lacks_files(runner, without_files):
     assert runner.prepare("null/Raise", View()).render_device == "none"
+
+
+@pytest.mark.parametrize("error", [AdapterError("its model is broken"), KeyError("colour")])
+def test_a_task_that_cannot_be_opened_affects_no_other_though_it_comes_first(runner, monkeypatch, error):
+    def opened(task, view):
+        if task == "Reach":
+            raise error
+        return SIMULATOR.open(task, view)
+
+    monkeypatch.setattr("robogauntlet.adapters.catalog.find", lambda name: replace(SIMULATOR, open=opened))
+    assert runner.prepare("null/Reach", View()).render_device == "none"
+    (broken,) = runner.play(lease(seeds=(1,)))
+    (played,) = runner.play(lease("null/Raise", seeds=(1,)))
+    assert (broken.error.split(":")[0], played.status) == (type(error).__name__, "success")
+
+
+def test_a_simulator_that_opens_no_task_is_not_ready_and_says_why_the_first_is_not_opened(runner, monkeypatch):
+    def opened(task, view):
+        raise AdapterError(f"no licence for {task}")
+
+    monkeypatch.setattr("robogauntlet.adapters.catalog.find", lambda name: replace(SIMULATOR, open=opened))
+    with pytest.raises(AdapterError, match="no licence for Reach"):
+        runner.prepare("null/Reach", View())
 
 
 def test_a_task_that_is_a_variant_says_what_it_changed(runner, monkeypatch):
