@@ -169,7 +169,7 @@ def test_two_names_for_one_policy_are_refused(suite):
     ("spec", "keys", "message"),
     [
         ({"action_dim": 6}, {}, "the simulation accepts 7 numbers per action, the policy produces 6"),
-        ({"image_size": 224}, {}, "made for 224 px images, the suite renders 96 px"),
+        ({"image_size": 224}, {"image_size": 96}, "made for 224 px images, the suite renders 96 px"),
         ({"image_size": 224}, {"cameras": "[third_person]"}, "needs camera wrist, the suite renders third_person"),
     ],
     ids=["actions", "image size", "camera"],
