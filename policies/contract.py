@@ -172,6 +172,18 @@ class PolicyFiles:
 
 
 @dataclass(frozen=True)
+class Contact:
+    """What the server of a policy says of itself."""
+
+    options: Mapping[str, Any]
+    """The policy's options, with which any process refuses a server that says something else."""
+    metadata: str | None = None
+    """Hash of what it says, if the policy's own hash does not cover it."""
+    warning: str = ""
+    """What a reader of its numbers must know, or ""."""
+
+
+@dataclass(frozen=True)
 class PolicyKind:
     """A kind of policy, as its entry point (group `robogauntlet.policies`) declares it. Building one is cheap."""
 
@@ -191,6 +203,8 @@ class PolicyKind:
     load the policy for it."""
     wishes: Callable[[Mapping[str, Any]], Wishes] | None = None
     """Returns what the policy asks of a suite under these options, without importing or contacting anything."""
+    contact: Callable[[Mapping[str, Any]], Contact] | None = None
+    """For kinds behind a server: asks it what it is. Raises PolicyUnreachable."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to its meaning. Other options in a suite are errors."""
     modules: tuple[str, ...] = ()

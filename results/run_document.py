@@ -173,6 +173,8 @@ class RunDocument(_Model):
     """Tasks of the suite in which a policy that was added to it cannot act."""
     warnings: tuple[Text, ...] = ()
     """What a reader of the numbers must know of how its policies were played, a sentence each."""
+    server_metadata: dict[str, Text] = Field(default_factory=dict)
+    """Policy with an identity to the hash of what its server says of itself."""
     instructions: dict[str, Text] = Field(default_factory=dict)
     """Task to its instruction."""
     robots: dict[str, Text] = Field(default_factory=dict)

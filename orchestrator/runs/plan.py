@@ -57,7 +57,10 @@ class Plan:
     notes: tuple[str, ...] = ()
     """What of the suite was chosen as its policies ask, a line each."""
     warnings: tuple[str, ...] = ()
-    """What its policies ask for and do not get, and what its seeds cannot show, a line each."""
+    """What its policies ask for and do not get, what cannot be told of them, and what its seeds cannot show, a
+    line each."""
+    server_metadata: Mapping[str, str] = field(default_factory=dict)
+    """Policies with an identity to the hash of what their servers say of themselves."""
     environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
     """The environment of each simulator."""
 
@@ -244,6 +247,7 @@ def make_plan(
         left_out=tuple(task for task in chosen if task not in suite.tasks),
         notes=found.notes,
         warnings=(*found.warnings, *filter(None, [training_seeds(suite)])),
+        server_metadata=found.server_metadata,
         environments=environments,
     )
 

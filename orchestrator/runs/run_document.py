@@ -49,6 +49,7 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
             "suite_path": str(plan.path),
             "tasks_left_out": plan.left_out,
             "warnings": plan.warnings,
+            "server_metadata": _server_metadata(plan, document, folder),
             "workers": workers,
             "shared_workers": None,
             "provenance": _continued_provenance(plan, document, folder),
@@ -67,12 +68,25 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
         unsupported=plan.unsupported,
         tasks_left_out=plan.left_out,
         warnings=plan.warnings,
+        server_metadata=dict(plan.server_metadata),
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         robots={task: robot for task in plan.suite.tasks if (robot := cards[task].robot)},
         workers=workers,
         skipped={name: shortened(reason) for name, reason in plan.unavailable.items()},
         provenance=_new_provenance(plan),
     )
+
+
+def _server_metadata(plan: Plan, document: RunDocument, folder: Path) -> dict[str, str]:
+    """What the servers of policies say of themselves. PlanError if it has changed under a policy's identity."""
+    known = document.server_metadata
+    for name, now in plan.server_metadata.items():
+        if known.get(name, now) != now:
+            raise PlanError(
+                f"{folder}: the server of policy '{name}' sends other metadata than when the run began, under the same "
+                "identity; give another checkpoint another identity, and another folder with --out"
+            )
+    return {**known, **plan.server_metadata}
 
 
 def _definitions(plan: Plan) -> dict[str, str]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TypeGuard
@@ -16,6 +16,7 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.first_answer import check_first_answer
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import (
+    Contact,
     Policy,
     PolicyError,
     PolicyMismatch,
@@ -59,7 +60,9 @@ class SuitePolicies:
     notes: tuple[str, ...] = ()
     """What of the suite was chosen as they ask, a line each."""
     warnings: tuple[str, ...] = ()
-    """What they ask for in vain, a line each."""
+    """What they ask for in vain, and what cannot be told of them, a line each."""
+    server_metadata: Mapping[str, str] = field(default_factory=dict)
+    """Policies with an identity to the hash of what their servers say of themselves."""
 
     def problems(self, path: Path, text: str) -> list[Problem]:
         """The mistakes with their lines in the suite file of this text."""
@@ -148,6 +151,9 @@ def find_policies(
             one = found[entry.name] = (_find if start else _find_without_start)(entry, environments)
             suite = _fitted(suite, entry, one.spec) if fit and one.spec is not None else suite
     suite, notes, warnings = _as_wished(suite, found)
+    contacts = {name: one.contact for name, one in found.items() if one.contact is not None}
+    warnings += [f"policy '{name}' {contact.warning}" for name, contact in contacts.items() if contact.warning]
+    metadata = {name: contact.metadata for name, contact in contacts.items() if contact.metadata is not None}
     if suite.image_size != given.image_size and "image_size" in given.model_fields_set:
         notes.append(f"images of {suite.image_size} px, which the policy needs, instead of {given.image_size} px")
     for name, one in found.items():
@@ -165,7 +171,7 @@ def find_policies(
             mistakes[name].append(f"policies '{first}' and '{name}' are the same policy; remove one")
     sources = {name: one.source for name, one in found.items()}
     listed = [(name, message) for name, messages in mistakes.items() for message in messages]
-    return SuitePolicies(suite, sources, unchecked, listed, tuple(notes), tuple(warnings))
+    return SuitePolicies(suite, sources, unchecked, listed, tuple(notes), tuple(warnings), metadata)
 
 
 @dataclass(frozen=True)
@@ -179,6 +185,8 @@ class _Found:
     wishes: Wishes = NO_WISHES
     policy: Policy | None = None
     """Itself, if it was loaded."""
+    contact: Contact | None = None
+    """What its server says, if it was asked."""
 
 
 def _find(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:
@@ -199,7 +207,11 @@ def _find(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:
         except (PolicyNotInstalled, OnHub):
             raise error from None
         return _Found(PolicySource(entry.kind, entry.options, digest), str(error), wishes=wishes)
-    wishes = policies.wishes(entry.kind, options)
+    wishes, contact = policies.wishes(entry.kind, options), Contact(options)
+    if kind.contact is not None:
+        with suppress(PolicyUnreachable):  # asking for its hash says so, unless it has an identity
+            contact = kind.contact(options)
+    options = contact.options
     try:
         source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
     except PolicyUnreachable as error:
@@ -209,7 +221,7 @@ def _find(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:
         spec = policies.spec(entry.kind, options) if policy is None else policy.spec
     except PolicyNotInstalled as error:
         return _Found(source, str(error), wishes=wishes)
-    return _Found(source, "", spec, wishes, policy)
+    return _Found(source, "", spec, wishes, policy, contact)
 
 
 def _find_without_start(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from robogauntlet.policies.contract import PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
+from robogauntlet.policies.contract import Contact, PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
 from robogauntlet.policies.remote.server_options import NAME, OPTIONS, read_options
 
 if TYPE_CHECKING:
@@ -43,6 +43,11 @@ def _spec(options: Mapping[str, Any]) -> PolicySpec:
         return policy.spec
 
 
+def _contact(options: Mapping[str, Any]) -> Contact:
+    with closing(_load(options)) as policy:
+        return policy.contact(options)
+
+
 def _wishes(options: Mapping[str, Any]) -> Wishes:
     return read_options(options).wishes
 
@@ -55,5 +60,6 @@ KIND = PolicyKind(
     digest_without_start=_digest_by_identity,
     spec=_spec,
     wishes=_wishes,
+    contact=_contact,
     options=OPTIONS,
 )

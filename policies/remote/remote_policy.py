@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.contract import ACTION_DIM, Image
-from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
+from robogauntlet.policies.contract import (
+    Contact,
+    Decision,
+    PolicyError,
+    PolicyInput,
+    PolicyMismatch,
+    PolicySpec,
+    Query,
+)
 from robogauntlet.policies.remote.connection import ServerConnection, packed
 from robogauntlet.policies.remote.conversion import (
     MAX_ACTIONS,
@@ -20,7 +28,7 @@ from robogauntlet.policies.remote.conversion import (
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.protocol import Greeting, as_message, greeting_in, routing_in
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, ServerOptions
-from robogauntlet.suites.episode import Episode
+from robogauntlet.suites.episode import Episode, content_hash
 
 
 class ConnectionLost(Exception):
@@ -33,7 +41,7 @@ class RemotePolicy:
     def __init__(self, options: ServerOptions) -> None:
         """Connect, unless `options.identity` names the policy."""
         self._options, self._connection = options, ServerConnection(options)
-        self._digest = ""
+        self._digest, self._metadata = "", options.expected_metadata
         self._greeting: Greeting | None = None
         self._greeted_connection = -1
         """Number of the connection whose greeting was read."""
@@ -51,21 +59,34 @@ class RemotePolicy:
             self.spec = self._greeting.spec
 
     def digest(self) -> str:
-        """Return the hash of the policy's content, see `docs/remote-policies.md`.
-
-        Raises PolicyError if neither the suite nor the server identifies the policy.
-        """
+        """Return the hash of the policy's content, see `docs/remote-policies.md`."""
         if self._options.identity is not None:
             return self._options.digest({"identity": self._options.identity})
         if self._is_robogauntlet:
             assert self._greeting is not None
             return self._greeting.digest
         if not self._connection.metadata:
-            raise PolicyError(
-                f"policy server {self._options.address}: expected metadata that identify the policy, got none; "
-                "give option identity: a checkpoint's name or hash"
-            )
+            return self._options.digest({"address": self._options.address})
         return self._options.digest({"metadata": _plain(self._connection.metadata)})
+
+    def contact(self, options: Mapping[str, Any]) -> Contact:
+        """Connect, and return what the server says of itself; `options` are those of the suite.
+
+        Raises PolicyUnreachable if it does not answer.
+        """
+        self._connection.connect()
+        self._read_greeting()
+        if self._options.identity is not None:
+            return Contact({**options, "expected_metadata": self._metadata}, self._metadata)
+        warning = (
+            ""
+            if self._connection.metadata
+            else (
+                f"is known by its address {self._options.address} alone, as its server says nothing of itself, so that "
+                "checkpoints behind it cannot be told apart; give option identity: a checkpoint's name or hash"
+            )
+        )
+        return Contact(options, warning=warning)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes; nothing is sent."""
@@ -132,6 +153,14 @@ class RemotePolicy:
                 f"policy server {self._options.address}: expected the policy that the run was planned with, "
                 "got another policy"
             )
+        metadata = content_hash(_plain(self._connection.metadata))
+        if self._options.identity is not None and metadata != (self._metadata or metadata):
+            self._connection.close()
+            raise PolicyError(
+                f"policy server {self._options.address}: expected the metadata that it sent before under identity "
+                f"'{self._options.identity}', got others; give another checkpoint another identity"
+            )
+        self._metadata = metadata
         self._greeted_connection = self._connection.number
 
     def _message(self, query: Query) -> dict[str, Any]:

@@ -158,7 +158,10 @@ class ServerOptions(Convention):
     address: str
     """ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT; HOST:PORT alone means ws"""
     identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
-    """the policy's checkpoint name or hash; by default the metadata that the server sends on connection"""
+    """the policy's checkpoint name or hash; by default the metadata that the server sends on connection, or its address
+    if it sends none"""
+    expected_metadata: str | None = None
+    """hash of the metadata that the server must send, of a policy with an identity; set when a run is planned"""
     connect_timeout_s: Seconds = 10.0
     """seconds to wait for a connection"""
     timeout_s: Seconds = 60.0
@@ -205,11 +208,11 @@ class ServerOptions(Convention):
     @property
     def is_plain(self) -> bool:
         """Whether no option of the convention is given, so that RoboGauntlet's own server needs no conversion."""
-        return not self.model_fields_set - {"address", "identity", *_TRANSPORT}
+        return not self.model_fields_set - (_WHO | {*_TRANSPORT})
 
     def declaration(self) -> dict[str, Any]:
         """Return the options that decide how the policy acts, all but its address and time limits, as plain values."""
-        options = self.model_dump(mode="json", exclude={"address", "identity", *_TRANSPORT})
+        options = self.model_dump(mode="json", exclude=_WHO | {*_TRANSPORT})
         return {name: value for name, value in options.items() if (name, value) not in _ADDED_DEFAULTS}
 
     def digest(self, who: object) -> str:
@@ -217,6 +220,7 @@ class ServerOptions(Convention):
         return content_hash({"policy": NAME, "card": self.declaration(), "who": who})
 
 
+_WHO = {"address", "identity", "expected_metadata"}
 _TRANSPORT = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
 _ADDED_DEFAULTS = (
     *(("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle")),
@@ -224,7 +228,9 @@ _ADDED_DEFAULTS = (
 )
 """Defaults of options that were added later: left out of the digest, so that older digests stay the same."""
 CONVENTION_OPTIONS = {name: field.description or "" for name, field in Convention.model_fields.items()}
-OPTIONS = {name: field.description or "" for name, field in ServerOptions.model_fields.items()}
+OPTIONS = {
+    name: field.description or "" for name, field in ServerOptions.model_fields.items() if name != "expected_metadata"
+}
 """Option to its meaning."""
 
 

@@ -40,8 +40,8 @@ REFERENCES = {
     f"openpi://u:{SECRET}@host:1": "address: expected ws://HOST:PORT, got",
     "openpi://127.0.0.1:1": "policy server ws://127.0.0.1:1",
     "lerobot:nowhere": "expected a folder or an id on the hub, got 'nowhere'",
-    "experts --image-size 96": "policy 'experts' does not fit: the policy was made for 16 px images, the suite renders 96 px",
-    "base --image-size 96": "policy 'base' does not fit: the policy was made for 16 px images, the suite renders 96 px",
+    "experts --image-size 96": "policy 'experts' does not fit: the policy was made for 16 px images, the suite",
+    "base --image-size 96": "policy 'base' does not fit: the policy was made for 16 px images, the suite renders",
     "zoo:experts": "policy 'zoo-experts' does not fit: it cannot act in null/Reach; it can in maniskill/PullCube-v1, ",
 }
 SEARCH = "bisect --good {} --bad {} --task null/Reach --out new {}"

@@ -196,25 +196,6 @@ def test_an_unreachable_server_is_one_line_when_planned_and_when_played():
         catalog.digest("openpi", {"address": address, **QUICK})
 
 
-def test_with_an_identity_the_client_connects_at_the_first_query():
-    options = {"address": f"ws://127.0.0.1:{free_port()}", "identity": "pi0_base@1"}
-    assert catalog.spec("openpi", options).cameras == ("third_person", "wrist")
-    other_address = {"address": "wss://robots.example", "identity": "pi0_base@1", "timeout_s": 5, "retries": 9}
-    assert catalog.digest("openpi", options) == catalog.digest("openpi", other_address)
-    for change in ({"identity": "pi0_base@2"}, {"image_size": 224}, {"execute": 5}, {"columns": [0, 1, 2, 3, 4, 5, 6]}):
-        assert catalog.digest("openpi", {**options, **change}) != catalog.digest("openpi", options)
-
-
-def test_without_an_identity_the_servers_metadata_are_hashed():
-    digests = []
-    for metadata in ({"model": "a"}, {"model": "b", "reset_pose": np.zeros(3)}, {"model": "a"}):
-        with speaking(answering(CHUNK, metadata=metadata)) as address:
-            digests.append(catalog.digest("openpi", {"address": address, **QUICK}))
-    assert digests[0] == digests[2] != digests[1]
-    with speaking(answering(CHUNK, metadata={})) as address:
-        refused(address, "expected metadata that identify the policy, got none; give option identity")
-
-
 def test_a_server_may_restart_between_two_queries():
     with speaking(answering(CHUNK)) as address:
         policy = remote(address, retries=30, timeout_s=10)
@@ -254,22 +235,6 @@ def test_a_query_is_repeated_after_a_lost_connection():
         assert len(remote(address).act([query()])) == 1
     assert len(asked) == 2
     assert asked[0] == asked[1]
-
-
-def test_a_restarted_server_with_another_policy_is_refused():
-    names = iter(["a", "b"])
-
-    def once(connection):
-        connection.send(pack({"model": next(names)}))
-        connection.recv()
-        connection.send(pack(CHUNK))
-        connection.close()
-
-    with speaking(once) as address:
-        policy = remote(address)
-        policy.act([query()])
-        with pytest.raises(PolicyError, match="expected the policy that the run was planned with, got another policy"):
-            policy.act([query(8)])
 
 
 def test_a_late_answer_is_never_taken_for_the_next_querys():
