@@ -4,18 +4,20 @@ VENV := .venv
 BIN := $(VENV)/bin
 PLAYING := $(VENV)/.playing
 STAMP := $(VENV)/.installed
+ENVIRONMENTS := $(VENV)/environments
+MADE := libero libero-plus lerobot
 PIP_AUDIT := 2.10.1
 export OMP_NUM_THREADS ?= 1
 # Tests start hundreds of commands, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup drivers tools demo test pytest test-fast test-lerobot lint docs dist audit bench fuzz chaos report zoo clean
+.PHONY: help setup drivers tools environments demo test pytest test-fast lint docs dist audit bench fuzz chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
 	@echo "make test       set up, check style and types, run all tests"
 	@echo "make test-fast  only the tests that need neither simulators nor Ray (seconds)"
-	@echo "make test-lerobot  checkpoints of LeRobot against LeRobot itself, in an environment made for it"
+	@echo "make environments  the environments of LIBERO, LIBERO-Plus and LeRobot, in which make test plays them"
 	@echo "make lint       ruff and mypy"
 	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
 	@echo "make dist       build the wheels of robogauntlet and robogauntlet-zoo, and the source distribution, into dist/"
@@ -36,6 +38,13 @@ drivers:
 tools: drivers
 	@bash scripts/test_tools.sh
 
+environments: $(MADE:%=$(ENVIRONMENTS)/.%)
+
+# As a reader of README does: by `env create`, from what `make demo` installs.
+$(ENVIRONMENTS)/.%: $(PLAYING) policies/lerobot/policy.py adapters/libero/__init__.py adapters/libero_plus/__init__.py | drivers
+	ROBOGAUNTLET_ENVIRONMENTS=$(abspath $(ENVIRONMENTS)) $(BIN)/robogauntlet --quiet env create $*
+	@touch $@
+
 $(STAMP): $(PLAYING)
 	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e ".[postgresql,figures,wandb,mlflow,docs,dev]"
 	@touch $@
@@ -54,13 +63,15 @@ demo:
 	@$(MAKE) --no-print-directory --jobs 2 $(PLAYING) drivers
 	$(BIN)/robogauntlet run mergevla --seeds 10
 
+# The environments come before the extras of developers, which a reader of README does not have.
 test:
-	@$(MAKE) --no-print-directory --jobs 2 setup tools
+	@$(MAKE) --no-print-directory --jobs 2 environments tools
+	@$(MAKE) --no-print-directory setup
 	@$(MAKE) --no-print-directory --jobs 2 lint pytest || { echo "make test: see above for what failed: style, types or tests"; exit 1; }
 
 # Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
 pytest: setup
-	$(BIN)/python -m pytest -q --dist loadfile --no-loadscope-reorder \
+	$(BIN)/python -m pytest -q --whole --dist loadfile --no-loadscope-reorder \
 		-n $$($(BIN)/python -c "import os; print(min(4, len(os.sched_getaffinity(0)) * 3 // 2))")
 
 test-fast: setup
@@ -70,11 +81,6 @@ lint: setup
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
-
-# LeRobot wants other versions than we do; its environment is made beside ours, from the package index.
-test-lerobot: setup
-	ROBOGAUNTLET_ENVIRONMENTS=$(abspath $(VENV))/environments $(BIN)/robogauntlet env create lerobot
-	$(BIN)/python -m pytest -q tests/policies/lerobot
 
 docs: setup
 	@# With --quiet, the strict mode would not hear of warnings.

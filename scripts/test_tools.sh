@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Installs what only the tests need: a PostgreSQL server and Slurm, which tests start and stop by themselves, and a browser
-# that lays out reports without a screen. Where they cannot be installed, the tests that need them are skipped with that reason.
+# Installs what only the tests need: a PostgreSQL server and Slurm, which tests start and stop by themselves, a browser that
+# lays out reports without a screen, and LaTeX. Where they cannot be installed, tests are skipped and the whole check fails.
 set -euo pipefail
 
 missing=()
 compgen -G '/usr/lib/postgresql/*/bin/pg_ctl' >/dev/null || command -v pg_ctl >/dev/null 2>&1 || missing+=(postgresql)
 command -v chromium >/dev/null 2>&1 || missing+=(chromium)
+command -v pdflatex >/dev/null 2>&1 || missing+=(texlive-latex-recommended)
 command -v slurmd >/dev/null 2>&1 || missing+=(munge slurmctld slurmd slurm-client)
 if [ ${#missing[@]} = 0 ]; then
     exit 0
@@ -18,5 +19,5 @@ if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
     RUNLEVEL=1 DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
     echo "test tools: ${missing[*]} installed"
 else
-    echo "test tools: no ${missing[*]}, their tests are skipped; to run them: sudo apt-get install ${missing[*]}"
+    echo "test tools: expected ${missing[*]}, which cannot be installed without root: sudo apt-get install ${missing[*]}"
 fi

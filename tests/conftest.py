@@ -5,6 +5,7 @@ import os
 import signal
 import tempfile
 from collections import Counter
+from importlib.util import find_spec
 
 import pytest
 from hypothesis import settings
@@ -34,8 +35,43 @@ for _simulator in catalog.simulators().values():
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    parser.addoption(
+        "--whole", action="store_true", help="fail if tests are skipped, except for what a machine cannot do"
+    )
+
+
+def lacking_skips(skipped):
+    """Reasons of skipped tests, and their number, that do not begin with `this machine`: something is not installed.
+
+    What the conformance kit skips is in a list of each of its tests.
+    """
+    places = [report.longrepr for report in skipped if isinstance(report.longrepr, tuple)]
+    reasons = [reason.removeprefix("Skipped: ") for file, _, reason in places if "adapter_kit" not in str(file)]
+    return Counter(reason for reason in reasons if not reason.startswith("this machine "))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session):
+    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
+    if not session.config.getoption("whole") or terminal is None:
+        return
+    if lacking := lacking_skips(terminal.stats.get("skipped", ())):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        for reason, count in lacking.items():
+            terminal.write_line(f"\nexpected all to be installed, {count} skipped: {reason}", red=True)
+
+
+def _elsewhere(item):
+    marker = item.get_closest_marker("apart")
+    return marker is not None and any(find_spec(module) is None for module in marker.args)
+
+
+def pytest_collection_modifyitems(config, items):
     """Files that take long come first, so that no process is left alone with one at the end."""
+    if elsewhere := [item for item in items if _elsewhere(item)]:
+        config.hook.pytest_deselected(items=elsewhere)
+        items[:] = [item for item in items if item not in elsewhere]
     weights = {"slow": 60.0, "ray": 8.0, "simulator": 5.0}
     seconds = Counter()
     for item in items:

@@ -69,7 +69,7 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
         request = Request(modules, tuple(distributions))
         if contents:
             compared = tuple(requirement.name for requirement in wanted)
-            request = replace(request, imports=(*user.modules, *filter(None, [user.imports])), compared=compared)
+            request = replace(request, imports=(user.imports,) if user.imports else user.modules, compared=compared)
         variables = tuple(user.environment.items()) if isinstance(user, Simulator) else ()
         installed = _ask(python, python.lstat().st_mtime_ns, request, import_path(), variables)
     except (OSError, ChildEnded, ChildTimeout, ValueError) as error:

@@ -13,7 +13,7 @@ def check_compiled(simulation):
     """Assert that control steps are compiled; skip where NumPy's and SciPy's OpenBLAS take the processor for others."""
     kernels = {one["architecture"] for one in threadpool_info() if one["internal_api"] == "openblas"}
     if not simulation._control.exact and len(kernels) > 1:
-        pytest.skip(f"NumPy's and SciPy's OpenBLAS round differently on this processor: {', '.join(sorted(kernels))}")
+        pytest.skip(f"this machine makes NumPy's and SciPy's OpenBLAS round differently: {', '.join(sorted(kernels))}")
     assert simulation._control.exact
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.libero import SIMULATOR
-from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.adapters.libero.libero_import import open_libero
 from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL
 from robogauntlet.adapters.libero.tasks import STORED_STATES, libero_tasks
@@ -22,7 +21,7 @@ from tests.adapters.goals import check_goal
 
 pytestmark = [
     pytest.mark.simulator,
-    pytest.mark.skipif(package_folder() is None, reason="LIBERO is not installed here: robogauntlet env create libero"),
+    pytest.mark.apart("libero"),
 ]
 DRAWER = "spatial-4-in-top-drawer-wooden-cabinet"
 """Fixtures, one of which starts open."""

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.libero import SIMULATOR
-from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.suites.episode import RenderProfile, View
 from tests.adapters.control_steps import alternating, check_compiled, ours, played, robosuites
 
 pytestmark = [
     pytest.mark.simulator,
-    pytest.mark.skipif(package_folder() is None, reason="LIBERO is not installed here: robogauntlet env create libero"),
+    pytest.mark.apart("libero"),
 ]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters import libero
-from robogauntlet.adapters.libero.assets import PARTS, VARIABLE, find_assets, package_folder
+from robogauntlet.adapters.libero.assets import PARTS, VARIABLE, find_assets
 from robogauntlet.adapters.libero_plus import SIMULATOR, package, task_files
 from robogauntlet.adapters.libero_plus.generate_variants import perturbed_names, survey, written
 from robogauntlet.adapters.libero_plus.package import missing_objects
@@ -17,10 +17,7 @@ from robogauntlet.suites.episode import CAMERAS, View
 
 pytestmark = [
     pytest.mark.simulator,
-    pytest.mark.skipif(
-        package_folder() is None or plus_folder() is None,
-        reason="LIBERO-Plus is not installed here: robogauntlet env create libero-plus",
-    ),
+    pytest.mark.apart("libero", "liberoplus"),
 ]
 OWN = "goal-4-put-bowl-on-top-cabinet"
 SEED, SIZE = 0, 64

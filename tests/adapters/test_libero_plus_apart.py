@@ -1,26 +1,28 @@
 """LIBERO-Plus in the environment of `robogauntlet env create`."""
 
 import subprocess
-from pathlib import Path
 
 import pytest
 
 from robogauntlet.adapters.libero.assets import package_folder
+from robogauntlet.results.api import open_run
 from tests import ROOT
-from tests.adapters.test_libero_apart import run_command, surroundings
+from tests.adapters.test_libero_apart import VARIABLE, run_command, surroundings
+from tests.own_environments import python_of
 
 pytestmark = [
     pytest.mark.simulator,
     pytest.mark.slow,
-    pytest.mark.skipif(package_folder() is not None, reason="LIBERO is installed here: its tests run as they are"),
+    pytest.mark.skipif(
+        package_folder() is not None, reason="this machine has LIBERO beside the tests, which run as they are"
+    ),
 ]
+TASK = "libero-plus/light-goal-7-1"
 __all__ = ["surroundings"]
 
 
 def test_the_tests_of_liberopluss_adapter_pass_there(surroundings):
-    run_command(surroundings, "env", "create", "libero-plus")
-    (python,) = Path(surroundings["ROBOGAUNTLET_ENVIRONMENTS"]).glob("libero-plus-*/bin/python")
-    command = [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    command = [python_of("libero-plus"), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
     done = subprocess.run(
         [*command, "tests/adapters/test_libero_plus.py"],
         capture_output=True,
@@ -31,3 +33,15 @@ def test_the_tests_of_liberopluss_adapter_pass_there(surroundings):
     )
     assert done.returncode == 0, done.stdout[-6000:]
     assert "skipped" not in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.ray
+def test_a_variant_is_played_with_the_real_assets(surroundings, tmp_path):
+    python_of("libero-plus")
+    suite, folder = tmp_path / "light.yaml", tmp_path / "run"
+    suite.write_text(f"name: light\npolicies: [oracle]\ntasks: [{TASK}]\nseeds: {{count: 1}}\n")
+    with_assets = {name: value for name, value in surroundings.items() if name != VARIABLE}
+    run_command(with_assets, "run", str(suite), "--out", str(folder), "--no-media")
+    run = open_run(folder)
+    assert run.document.render_devices["libero-plus"].endswith("without stand-ins")
+    assert [*run.episodes(("status",))["status"]] == ["success"]

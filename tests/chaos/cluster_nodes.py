@@ -33,8 +33,8 @@ def why_not() -> str | None:
         probe = ["unshare", "--net", "--mount", "--uts", "ip", "link", "add", "name", "probe", "type", "bridge"]
         made = subprocess.run(probe, capture_output=True, text=True, timeout=10)
     except (OSError, subprocess.SubprocessError) as error:
-        return f"namespaces need {', '.join(_TOOLS)}: {error}"
-    return f"namespaces are not allowed here: {made.stderr.strip()}" if made.returncode else None
+        return f"not installed: {', '.join(_TOOLS)}: {error}"
+    return f"this machine allows no namespaces: {made.stderr.strip()}" if made.returncode else None
 
 
 class Node:

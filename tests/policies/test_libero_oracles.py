@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.libero import SIMULATOR
-from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.policies.oracles.libero import GRASPS, SCRIPTS, TURNS, InTurn, free_grasp
 from tests.policies.playing import steps_to_success
 
@@ -52,7 +51,7 @@ def test_a_box_is_grasped_away_from_a_tall_neighbour():
 
 
 @pytest.mark.simulator
-@pytest.mark.skipif(package_folder() is None, reason="LIBERO is not installed here: robogauntlet env create libero")
+@pytest.mark.apart("libero")
 @pytest.mark.parametrize("task", PLAYED)
 @pytest.mark.parametrize(("seed", "noise"), [(0, 0.0), (11, 0.1)])
 def test_the_oracle_succeeds_within_the_horizon(task, seed, noise):

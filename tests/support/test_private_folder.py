@@ -27,7 +27,7 @@ def _link(path):
 def _of_another_user(path):
     path.mkdir(mode=0o700)
     if os.getuid() != 0:
-        pytest.skip("only root can act as a second user")
+        pytest.skip("this machine lets only root act as a second user")
     os.chown(path, 65534, 65534)
 
 

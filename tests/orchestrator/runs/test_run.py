@@ -277,7 +277,7 @@ def tiny_disk(tmp_path):
     folder.mkdir()
     command = ["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", str(folder)]
     if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("needs the right to mount a small file system")
+        pytest.skip("this machine lets nobody mount a small file system")
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
 

@@ -2,38 +2,17 @@
 
 import json
 import os
-import sys
-from pathlib import Path
 
 import pytest
 
-from robogauntlet.orchestrator.environments.environment import Environment, adapter_environment
-from robogauntlet.policies import catalog
 from robogauntlet.policies.lerobot.checkpoint import FILES
+from tests.own_environments import python_of
 
 
 @pytest.fixture(scope="session")
-def environments():
-    """The folder of `make test`'s environments."""
-    return os.environ.get("ROBOGAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
-
-
-@pytest.fixture(scope="session")
-def python(environments):
-    """The Python of `robogauntlet env create lerobot`, which `make test` creates next to the running environment.
-
-    Or that of another release, which ROBOGAUNTLET_TEST_LEROBOT names.
-    """
-    if named := os.environ.get("ROBOGAUNTLET_TEST_LEROBOT"):
-        return named
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", environments)
-        environment: Environment | None = adapter_environment(catalog.find("lerobot"))
-        if environment is None:
-            return sys.executable
-        if environment.manifest is None:
-            pytest.skip(f"not there: ROBOGAUNTLET_ENVIRONMENTS={environments} robogauntlet env create lerobot")
-        return str(environment.python)
+def python():
+    """The Python of LeRobot's environment, or that of another release, which ROBOGAUNTLET_TEST_LEROBOT names."""
+    return os.environ.get("ROBOGAUNTLET_TEST_LEROBOT") or python_of("lerobot")
 
 
 @pytest.fixture

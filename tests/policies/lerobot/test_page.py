@@ -7,6 +7,7 @@ import subprocess
 import pytest
 
 from tests import ROOT
+from tests.own_environments import FOLDER
 from tests.policies.lerobot.test_lerobot import MAKING
 from tests.processes import environment_of
 from tests.tutorials import follow
@@ -26,10 +27,10 @@ def test_the_suite_of_the_page_is_valid_where_lerobot_is_not_installed(bare, tmp
 @pytest.mark.slow
 @pytest.mark.simulator
 @pytest.mark.ray
-def test_the_page_leads_from_a_checkpoint_to_a_table(python, environments, tmp_path):
+def test_the_page_leads_from_a_checkpoint_to_a_table(python, tmp_path):
     command = [python, MAKING, tmp_path / "checkpoints" / "act_push", "--only-act", "96"]
     subprocess.run(command, env=environment_of(ROOT), check=True, capture_output=True)
-    made = {"skipped": ["robogauntlet env"], "ROBOGAUNTLET_ENVIRONMENTS": environments}
+    made = {"skipped": ["robogauntlet env"], "ROBOGAUNTLET_ENVIRONMENTS": FOLDER}
     valid, checked, played = follow("lerobot", tmp_path, **made).values()
     assert "valid" in valid
     assert " 0 failed, " in checked

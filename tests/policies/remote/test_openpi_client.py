@@ -1,7 +1,10 @@
-"""Compatibility with openpi's client (`openpi-client`, Apache 2.0), where it is installed."""
+"""Compatibility with openpi's client (`openpi-client`, Apache 2.0)."""
 
 import numpy as np
 import pytest
+from openpi_client import image_tools as images
+from openpi_client import msgpack_numpy as packing
+from openpi_client import websocket_client_policy as client
 
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
@@ -11,10 +14,6 @@ from robogauntlet.policies.remote.msgpack_numpy import pack
 from robogauntlet.policies.remote.server_options import read_options
 from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.remote_servers import serving, speaking
-
-client = pytest.importorskip("openpi_client.websocket_client_policy")
-packing = pytest.importorskip("openpi_client.msgpack_numpy")
-images = pytest.importorskip("openpi_client.image_tools")
 
 EPISODE = Episode("p", "d", "null/Reach", 0, Protocol(60, 8, View()))
 

@@ -63,7 +63,7 @@ def test_a_gpu_that_is_not_there_is_refused(kind, options):
         kind.load({**options[kind.name], "device": f"cuda:{there}"})
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine has no GPU")
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_a_gpu_answers_as_the_cpu_does(kind, options):
     asked = [query(number, task=TASKS[0]) for number in range(3)]
