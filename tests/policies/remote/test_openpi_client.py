@@ -1,10 +1,13 @@
-"""Compatibility with openpi's client (`openpi-client`, Apache 2.0)."""
+"""Compatibility with openpi's own client and server (`openpi-client`, `openpi-server`, Apache 2.0)."""
+
+import asyncio
+import contextlib
+import socket
+import threading
+import time
 
 import numpy as np
 import pytest
-from openpi_client import image_tools as images
-from openpi_client import msgpack_numpy as packing
-from openpi_client import websocket_client_policy as client
 
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
@@ -14,6 +17,11 @@ from robogauntlet.policies.remote.msgpack_numpy import pack
 from robogauntlet.policies.remote.server_options import read_options
 from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.remote_servers import serving, speaking
+
+client = pytest.importorskip("openpi_client.websocket_client_policy")
+packing = pytest.importorskip("openpi_client.msgpack_numpy")
+images = pytest.importorskip("openpi_client.image_tools")
+servers = pytest.importorskip("openpi_server.websocket_policy_server")
 
 EPISODE = Episode("p", "d", "null/Reach", 0, Protocol(60, 8, View()))
 
@@ -43,6 +51,51 @@ def test_openpis_client_gets_the_policys_actions_from_our_server(query):
             np.testing.assert_array_equal(theirs.infer(shown(query.observation))["actions"], decision.actions)
             with pytest.raises(RuntimeError, match="expected an image as observation/image"):
                 theirs.infer({"prompt": "reach the goal"})
+
+
+@contextlib.contextmanager
+def their_server(policy):
+    """openpi's server of a policy, as its `serve_policy.py` starts it; yields the address."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    loop = asyncio.new_event_loop()
+    serving = loop.create_task(servers.WebsocketPolicyServer(policy, "127.0.0.1", port).run())
+
+    def serve():
+        with contextlib.suppress(asyncio.CancelledError):
+            loop.run_until_complete(serving)
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
+            break
+        time.sleep(0.02)
+    yield f"127.0.0.1:{port}"
+    loop.call_soon_threadsafe(serving.cancel)
+    thread.join(10)
+    loop.close()
+
+
+def test_our_client_is_answered_by_openpis_server_and_its_errors_are_one_line(query):
+    class Policy:
+        def infer(self, observation):
+            seen.append(observation)
+            if len(seen) == 2:
+                raise KeyError("joints")
+            return {"actions": np.arange(70, dtype=np.float32).reshape(10, 7)}
+
+    seen = []
+    with their_server(Policy()) as address:
+        ours = catalog.load("openpi", {"address": address, "image_size": 224, "execute": 5, "identity": "theirs"})
+        (decision,) = ours.act([query])
+        np.testing.assert_array_equal(decision.actions, np.arange(35.0).reshape(5, 7))
+        with pytest.raises(PolicyError, match=r"got an error: KeyError: 'joints'$"):
+            ours.act([query])
+    assert seen[0]["prompt"] == query.observation.instruction
+    picture = images.resize_with_pad(query.observation.images["third_person"], 224, 224)
+    np.testing.assert_array_equal(seen[0]["observation/image"], picture)
 
 
 def test_our_client_reads_messages_of_openpis_packer(query):
