@@ -5,6 +5,7 @@ set -euo pipefail
 
 missing=()
 compgen -G '/usr/lib/postgresql/*/bin/pg_ctl' >/dev/null || command -v pg_ctl >/dev/null 2>&1 || missing+=(postgresql)
+command -v ip >/dev/null 2>&1 || missing+=(iproute2)
 command -v chromium >/dev/null 2>&1 || missing+=(chromium)
 command -v pdflatex >/dev/null 2>&1 || missing+=(texlive-latex-recommended)
 command -v slurmd >/dev/null 2>&1 || missing+=(munge slurmctld slurmd slurm-client)

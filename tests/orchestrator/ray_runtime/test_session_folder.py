@@ -48,7 +48,7 @@ def test_the_folder_of_a_session_goes_with_it(looked_at):
     assert not Path(looked_at[0]).exists()
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="only root can act as a second user")
+@pytest.mark.skipif(os.getuid() != 0, reason="this machine lets only root act as a second user")
 def test_another_user_reaches_nothing_of_a_session_whatever_tmpdir_is_and_no_socket_is_too_long(looked_at):
     assert looked_at[1] == "/tmp 0o700 True"
     assert looked_at[2].endswith("Permission denied")

@@ -118,7 +118,9 @@ def test_letters_that_pdflatex_may_not_have_are_named():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex here: apt-get install texlive-latex-base")
+@pytest.mark.skipif(
+    shutil.which("pdflatex") is None, reason="no pdflatex here: apt-get install texlive-latex-recommended"
+)
 def test_an_article_with_the_table_compiles(tmp_path):
     (tmp_path / "article.tex").write_text(ARTICLE % special_table(), encoding="utf-8")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape", "article.tex"]
