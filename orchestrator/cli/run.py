@@ -97,8 +97,8 @@ def run(
     media: Annotated[
         bool | None,
         typer.Option(
-            help="Record videos of successes and failures: all, or none; by default those for which a fifth of the "
-            "playing time is enough, after the report is written.",
+            help="Record videos of successes and failures: all, or none; by default a failure of each policy and those "
+            "for which a fifth of the playing time is enough, after the report is written.",
             show_default=False,
         ),
     ] = None,

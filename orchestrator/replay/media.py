@@ -20,6 +20,7 @@ from robogauntlet.orchestrator.ray_runtime.session import temporary_folder
 from robogauntlet.orchestrator.replay.first_observation import first_observation
 from robogauntlet.orchestrator.replay.media_selection import (
     Snapshot,
+    first_failures,
     new_failures,
     recording_order,
     representative_episodes,
@@ -50,17 +51,20 @@ def pending_media(
 ) -> list[Snapshot | EpisodeResult]:
     """The snapshots and episodes to record that are not in the run folder yet, the most informative first.
 
-    `rows` returns a new iterator over the run's rows at every call. Failures along the axes are recorded of the
-    `evaluated` policies only, `others` after them. Of episodes in which policies acted identically, one is recorded.
+    These are the `first_failures`, which a report should not lack, and then the snapshots. `rows` returns a new
+    iterator over the run's rows at every call. Failures along the axes are recorded of the `evaluated` policies only,
+    `others` after them. Of episodes in which policies acted identically, one is recorded.
     """
     files = {path.stem for path in videos_folder(folder).glob("*.mp4")}
     recorded = {shared_by(row) for row in rows() if row.episode_id in files} if files else set()
     groups = (representative_episodes(rows()), new_failures(rows, evaluated), others)
     ordered = [row for group in groups for row in recording_order(group)]
     videos = {shared_by(row): row for row in ordered}
+    failures = [*map(shared_by, first_failures(rows(), evaluated))]
     return [
+        *(videos[shared] for shared in dict.fromkeys(failures) if shared not in recorded),
         *(item for item in snapshots if not snapshot_path(folder, item.task, item.condition).exists()),
-        *(row for shared, row in videos.items() if shared not in recorded),
+        *(row for shared, row in videos.items() if shared not in recorded and shared not in failures),
     ]
 
 

@@ -32,6 +32,12 @@ def representative_episodes(rows: Iterable[EpisodeResult]) -> list[EpisodeResult
     return _first(rows, lambda row: (row.task, row.policy, row.status))
 
 
+def first_failures(rows: Iterable[EpisodeResult], policies: Collection[str]) -> list[EpisodeResult]:
+    """The failure of each of these policies, or of all if there are none, that shows most: a clean one, by seed."""
+    failures = (row for row in rows if row.status == Status.FAILURE and (not policies or row.policy in policies))
+    return _first(failures, lambda row: (row.policy,))
+
+
 def new_failures(rows: Callable[[], Iterable[EpisodeResult]], policies: Collection[str]) -> list[EpisodeResult]:
     """For each policy, axis and simulator the failure of lowest severity, then seed, whose clean episode succeeded.
 

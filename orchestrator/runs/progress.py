@@ -189,8 +189,9 @@ class RecordingProgress(Display):
         """Count one more."""
         self._done += 1
         now = self._now()
-        left_s = min((self._count - self._done) * (now - self._began) / self._done, self._end - now)
-        self._show(f"  {format_duration(left_s)} left" if left_s > 1 else "")
+        left_s, limit_s = (self._count - self._done) * (now - self._began) / self._done, self._end - now
+        words = f"stops in {format_duration(limit_s)}" if limit_s < left_s else f"{format_duration(left_s)} left"
+        self._show(f"  {words}" if min(left_s, limit_s) > 1 else "")
 
     def _show(self, left: str) -> None:
         text = f"{self._done}/{self._count}{left}"

@@ -19,7 +19,7 @@ from robogauntlet.orchestrator.ray_runtime.session import (
     ray_session,
     room_for_workers,
 )
-from robogauntlet.orchestrator.replay.media_selection import condition_snapshots
+from robogauntlet.orchestrator.replay.media_selection import condition_snapshots, first_failures, shared_by
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression
 from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.plan import Plan, remaining_work
@@ -50,6 +50,8 @@ SAVE_ELAPSED_S = 10.0
 """Time after which the elapsed time is saved again (s)."""
 MEDIA_SHARE = 0.2
 """Largest time for videos and snapshots, as a share of the time that the episodes took."""
+FIRST_FAILURES_S = 60.0
+"""Time that a failure of each policy may take, however short the episodes were (s)."""
 Returned = TypeVar("Returned")
 Rounds = Callable[[Sequence[Cell], Outcomes], Progression]
 """Chooses the episodes of the next round among cells that can be played, from the outcomes so far."""
@@ -304,25 +306,43 @@ class RunSession:
         from robogauntlet.orchestrator.replay.media import pending_media
         from robogauntlet.results.analysis.combinations import cluster_failures
 
-        plan, skipped = self._plan, self._observer.skipped_simulators
-        evaluated = [name for name in plan.sources if name not in plan.suite.reference_policies]
+        plan, skipped, evaluated = self._plan, self._observer.skipped_simulators, self._evaluated()
         snapshots = condition_snapshots(plan.cells, plan.suite.seeds.start)
         in_clusters = cluster_failures(self._document, self._store.results)
         pending = pending_media(self._folder, self._store.results, evaluated, snapshots, in_clusters)
         return [item for item in pending if item.simulator not in skipped]
 
+    def _evaluated(self) -> list[str]:
+        references = self._plan.suite.reference_policies
+        return [name for name in self._plan.sources if name not in references]
+
     def _record_media(self) -> bool:
         """Record missing videos and snapshots, as many as their time allows. Returns whether any were missing."""
+        missing = self._pending_media()
+        self._left_out = total = len(missing)
+        share_s = math.inf if self._options.media else MEDIA_SHARE * self._document.elapsed_s
+        attempted, end = False, self._began + share_s - self._document.media_s
+        if share_s < FIRST_FAILURES_S and self._document.media_s == 0.0:
+            evaluated = self._evaluated()
+            shown = {shared_by(row) for row in first_failures(self._store.results(), evaluated)}
+            first = [item for item in missing if isinstance(item, EpisodeResult) and shared_by(item) in shown]
+            attempted = self._record(first, self._began + FIRST_FAILURES_S)
+            missing = [item for item in missing if item not in first]
+        attempted = self._record(missing, end) or attempted
+        if attempted:
+            taken = format_duration(time.monotonic() - self._began)
+            recorded = counted(total - self._left_out, "video or snapshot", "videos and snapshots")
+            self._progress.log(f"recorded {recorded} in {taken}")
+        return total > 0
+
+    def _record(self, missing: Sequence[Snapshot | EpisodeResult], end: float) -> bool:
+        """Record these until `end`, by the clock. Returns whether there was time for any."""
         from robogauntlet.orchestrator.replay.media import record_media
 
-        missing = self._pending_media()
-        self._left_out = len(missing)
-        share_s = math.inf if self._options.media else MEDIA_SHARE * self._document.elapsed_s
-        end = self._began + share_s - self._document.media_s
         left_s = end - time.monotonic()
         pending = [item for item in missing if self._start_s.get(item.simulator, 0.0) < left_s]
         if not pending:
-            return bool(missing)
+            return False
         limit = f", for at most {format_duration(left_s)}" if left_s < math.inf else ""
         self._progress.log(f"recording {counted(len(pending), 'video or snapshot', 'videos and snapshots')}{limit}")
         with self._progress.recording(len(pending), end) as bar:
@@ -337,9 +357,6 @@ class RunSession:
             self._ray.enter_context(ray_session(address=self._options.address, workers=0))
             left_s, environments = end - time.monotonic(), self._plan.environments
             record_media(self._folder, pending, self._sources(), on_recorded, environments, left_s)
-        taken = format_duration(time.monotonic() - self._began)
-        recorded = counted(len(missing) - self._left_out, "video or snapshot", "videos and snapshots")
-        self._progress.log(f"recorded {recorded} in {taken}")
         return True
 
     def _write(self, done: int) -> RunOutcome:

@@ -105,6 +105,17 @@ def test_tasks_and_outcomes_take_turns_and_videos_of_many_policies_come_first():
     ]
 
 
+def test_a_failure_of_each_policy_comes_before_snapshots_and_all_other_videos(tmp_path):
+    rows = [played("a"), played("b"), played("b", "failure", seed=3, acts="b"), played("random", "failure", acts="r")]
+    rows += [played("a", "failure", task=PULL, seed=2, acts="a"), played("a", "failure", task=PULL, seed=1, acts="aa")]
+    snapshot = Snapshot(PUSH, CLEAN, 0, View())
+    pending = pending_media(tmp_path, lambda: rows, ("a", "b"), [snapshot])
+    assert [(item.policy, item.seed) for item in pending[:2]] == [("a", 1), ("b", 3)]
+    assert pending[2] == snapshot
+    assert [(item.policy, item.status) for item in pending[3:]] == [("a", "success"), ("random", "failure")]
+    assert pending_media(tmp_path, lambda: rows, (), [])[2].policy == "random"
+
+
 def test_snapshots_have_every_severity_on_each_simulators_first_task():
     tasks = (PUSH, "maniskill/PullCube-v1", LIFT)
     plan = cells(("oracle", "experts"), tasks, (CLEAN, BLUR2, BLUR4, Condition("blind", 1)))

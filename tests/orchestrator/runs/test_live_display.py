@@ -38,17 +38,25 @@ def test_a_transient_display_is_removed():
     assert shown(terminal=True, transient=True).rstrip().endswith("\x1b[2K")
 
 
-def test_a_recording_shows_the_time_until_its_end_or_until_all_is_recorded():
+def test_a_recording_shows_the_time_until_all_is_recorded_or_says_when_it_stops_before():
     output, clock = StringIO(), [0.0]
     console = Console(file=output, width=80)
     with RecordingProgress(console, 10, end=60.0, now=lambda: clock[0]) as progress:
         for clock[0] in (10.0, 20.0, 59.0):
             progress.advance()
     assert output.getvalue().splitlines() == [
-        "recording: 1/10  50 s left",
-        "recording: 2/10  40 s left",
+        "recording: 1/10  stops in 50 s",
+        "recording: 2/10  stops in 40 s",
         "recording: 3/10",
     ]
+
+
+def test_a_recording_that_has_time_for_all_shows_the_time_left():
+    output, clock = StringIO(), [0.0]
+    with RecordingProgress(Console(file=output, width=80), 5, now=lambda: clock[0]) as progress:
+        clock[0] = 10.0
+        progress.advance()
+    assert output.getvalue().splitlines() == ["recording: 1/5  40 s left"]
 
 
 def test_a_verbose_display_has_a_line_for_each_episode(suite_file):
