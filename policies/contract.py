@@ -205,6 +205,8 @@ class PolicyKind:
     """Returns what the policy asks of a suite under these options, without importing or contacting anything."""
     contact: Callable[[Mapping[str, Any]], Contact] | None = None
     """For kinds behind a server: asks it what it is. Raises PolicyUnreachable."""
+    imports_code: bool = False
+    """Whether its options name code of the user, which a plan imports in a process of its own."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to its meaning. Other options in a suite are errors."""
     modules: tuple[str, ...] = ()

@@ -170,6 +170,7 @@ KIND = PolicyKind(
     load=_load,
     digest=_digest,
     digest_without_start=_digest,
+    imports_code=True,
     options={
         "callable": "module:Name of a class or factory of policies, or of a function of the observation",
         "options": "its keyword arguments",

@@ -17,6 +17,10 @@ LIMIT_S = 120.0
 """Time for the first answer (s), in which a policy may load its weights."""
 
 
+class _Left(Exception):
+    """The policy raised what ends a process."""
+
+
 def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View, task: TaskDescription) -> None:
     """Refuse a policy whose answer to black images has a wrong shape, or is late. It may raise, as one that must see.
 
@@ -34,15 +38,22 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
     images = {camera: black.copy() for camera in view.cameras}
     state = np.zeros(task.body.proprioception_dim)
     observation = Observation(images, state, task.instruction, bool(task.joints))
+
+    def asked() -> Any:
+        try:
+            return ask(observation)
+        except (SystemExit, KeyboardInterrupt) as left:  # raised there, it is the policy's and nobody's at a keyboard
+            raise _Left(type(left).__name__) from None
+
     try:
-        answer = call_within(LIMIT_S, lambda: ask(observation))
+        answer = call_within(LIMIT_S, asked)
     except Late:
         raise PolicyError(
             f"policy '{name}': expected its first answer within {LIMIT_S:g} s, got none; serve a policy that takes "
             "longer (robogauntlet policies serve), or find out where it hangs"
         ) from None
-    except SystemExit:
-        raise PolicyError(f"policy '{name}': expected an action chunk, it ended its process (SystemExit)") from None
+    except _Left as left:
+        raise PolicyError(f"policy '{name}': expected an action chunk, it ended its process ({left})") from None
     except Exception:
         return
     try:

@@ -17,6 +17,7 @@ from robogauntlet.adapters.catalog import body_of
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy, resolve_locally
 from robogauntlet.orchestrator.inference.batcher import Batcher
+from robogauntlet.orchestrator.inference.planned_policy import planned_spec
 from robogauntlet.orchestrator.ray_runtime.session import answer, check_room, in_session
 from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 from robogauntlet.policies import catalog
@@ -131,13 +132,18 @@ class ServedPolicy:
 def served_policies(server: Any, sources: Mapping[str, PolicySource]) -> dict[str, ServedPolicy]:
     """A server's policies by name."""
     local = {name: resolve_locally(source) for name, source in sources.items()}
-    return {name: ServedPolicy(server, name, spec) for name, spec in _image_policies(local).items()}
+    specs = {name: catalog.spec(source.kind, source.options) for name, source in local.items()}
+    return {name: ServedPolicy(server, name, spec) for name, spec in specs.items() if _sees_images(spec)}
 
 
-def _image_policies(sources: Mapping[str, PolicySource]) -> dict[str, PolicySpec]:
-    """Specifications of the policies that observe images; only these are served."""
-    specs = {name: catalog.spec(source.kind, source.options) for name, source in sources.items()}
-    return {name: spec for name, spec in specs.items() if spec.sees is PolicyInput.OBSERVATION}
+def _sees_images(spec: PolicySpec) -> bool:
+    """Whether a policy observes images; only these are served."""
+    return spec.sees is PolicyInput.OBSERVATION
+
+
+def _image_policies(sources: Mapping[str, PolicySource]) -> list[str]:
+    """Names of the policies that observe images; nothing of the user's code is imported here."""
+    return [name for name, source in sources.items() if _sees_images(planned_spec(name, source))]
 
 
 def start_servers(sources: Mapping[str, PolicySource], inference: Inference) -> list[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -13,11 +13,10 @@ from robogauntlet.adapters import catalog as simulators
 from robogauntlet.adapters.contract import ActionSpec, Joint, ObservationSpec, TaskDescription
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.inference.first_answer import check_first_answer
+from robogauntlet.orchestrator.inference.planned_policy import PlannedPolicy
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import (
     Contact,
-    Policy,
     PolicyError,
     PolicyMismatch,
     PolicyNotInstalled,
@@ -27,7 +26,6 @@ from robogauntlet.policies.contract import (
     check_fit,
     check_tasks,
 )
-from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
 from robogauntlet.policies.hub import OnHub, without_downloads
 from robogauntlet.policies.references import FORMS, read_reference, with_options
 from robogauntlet.suites.loading import Problem, policy_lines, problem_at
@@ -146,29 +144,32 @@ def find_policies(
         except PolicyError as error:
             mistakes[name].append(f"policy '{name}': {error.reason}")
 
-    for entry in suite.policies:
-        with noting_mistakes(entry.name):
-            one = found[entry.name] = (_find if start else _find_without_start)(entry, environments)
-            suite = _fitted(suite, entry, one.spec) if fit and one.spec is not None else suite
-    suite, notes, warnings = _as_wished(suite, found)
-    contacts = {name: one.contact for name, one in found.items() if one.contact is not None}
-    warnings += [f"policy '{name}' {contact.warning}" for name, contact in contacts.items() if contact.warning]
-    metadata = {name: contact.metadata for name, contact in contacts.items() if contact.metadata is not None}
-    if suite.image_size != given.image_size and "image_size" in given.model_fields_set:
-        notes.append(f"images of {suite.image_size} px, which the policy needs, instead of {given.image_size} px")
-    for name, one in found.items():
-        with noting_mistakes(name):
-            if one.spec is not None:
-                _check_fit(one.spec, suite)
-            if ask and isinstance(one.policy, FunctionPolicy | StatefulFunctionPolicy):
-                for task in one_of_each_body(suite.tasks):
-                    check_first_answer(name, one.policy.ask, suite.view, task)
-        if one.reason:
-            unchecked[name] = one.reason
-        if one.source.digest is None or mistakes[name]:
-            continue
-        if (first := names_by_digest.setdefault(str(one.source.digest), name)) != name:
-            mistakes[name].append(f"policies '{first}' and '{name}' are the same policy; remove one")
+    with ExitStack() as processes:
+        for entry in suite.policies:
+            with noting_mistakes(entry.name):
+                one = found[entry.name] = (_find if start else _find_without_start)(entry, environments)
+                if one.process is not None:
+                    processes.callback(one.process.close)
+                suite = _fitted(suite, entry, one.spec) if fit and one.spec is not None else suite
+        suite, notes, warnings = _as_wished(suite, found)
+        contacts = {name: one.contact for name, one in found.items() if one.contact is not None}
+        warnings += [f"policy '{name}' {contact.warning}" for name, contact in contacts.items() if contact.warning]
+        metadata = {name: contact.metadata for name, contact in contacts.items() if contact.metadata is not None}
+        if suite.image_size != given.image_size and "image_size" in given.model_fields_set:
+            notes.append(f"images of {suite.image_size} px, which the policy needs, instead of {given.image_size} px")
+        for name, one in found.items():
+            with noting_mistakes(name):
+                if one.spec is not None:
+                    _check_fit(one.spec, suite)
+                if ask and one.process is not None:
+                    for task in one_of_each_body(suite.tasks):
+                        one.process.check_answer(suite.view, task)
+            if one.reason:
+                unchecked[name] = one.reason
+            if one.source.digest is None or mistakes[name]:
+                continue
+            if (first := names_by_digest.setdefault(str(one.source.digest), name)) != name:
+                mistakes[name].append(f"policies '{first}' and '{name}' are the same policy; remove one")
     sources = {name: one.source for name, one in found.items()}
     listed = [(name, message) for name, messages in mistakes.items() for message in messages]
     return SuitePolicies(suite, sources, unchecked, listed, tuple(notes), tuple(warnings), metadata)
@@ -183,8 +184,8 @@ class _Found:
     """Why it was not checked ("" if it was)."""
     spec: PolicySpec | None = None
     wishes: Wishes = NO_WISHES
-    policy: Policy | None = None
-    """Itself, if it was loaded."""
+    process: PlannedPolicy | None = None
+    """In which it was imported, if it is code of the user."""
     contact: Contact | None = None
     """What its server says, if it was asked."""
 
@@ -217,11 +218,11 @@ def _find(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:
     except PolicyUnreachable as error:
         return _Found(PolicySource(entry.kind, options), str(error), wishes=wishes)
     try:
-        policy = None if kind.spec else policies.load(entry.kind, options)
-        spec = policies.spec(entry.kind, options) if policy is None else policy.spec
+        process = PlannedPolicy(entry.name, source) if kind.imports_code else None
+        spec = policies.spec(entry.kind, options) if process is None else process.spec
     except PolicyNotInstalled as error:
         return _Found(source, str(error), wishes=wishes)
-    return _Found(source, "", spec, wishes, policy, contact)
+    return _Found(source, "", spec, wishes, process, contact)
 
 
 def _find_without_start(entry: PolicyEntry, environments: EnvironmentResolver) -> _Found:
