@@ -1,11 +1,25 @@
-"""Reports a file that an installed simulator lacks, such as a mesh of an arm, as one line that says what to do."""
+"""Finds the files of an installed package, and reports one that is missing as a line that says what to do."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
 
 from robogauntlet.adapters.contract import SimulatorUnavailable
+
+OTHER_ENVIRONMENTS: list[Path] = []
+"""Folders `site-packages` in which `folder_of` looks too. Commands that show tasks add those of simulators' own."""
+
+
+def folder_of(module: str) -> Path | None:
+    """Return the folder of an installed module, which is not imported, or None."""
+    spec = find_spec(module)
+    places = [] if spec is None else [Path(place) for place in spec.submodule_search_locations or ()]
+    return next(
+        (place for place in (*places, *(folder / module for folder in OTHER_ENVIRONMENTS)) if place.is_dir()), None
+    )
 
 
 @contextmanager

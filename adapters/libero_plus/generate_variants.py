@@ -1,7 +1,7 @@
 """Writes `variants.json`: `python -m robogauntlet.adapters.libero_plus.generate_variants`, where both are installed.
 
-The file has all that the catalog needs without LIBERO-Plus: by axis and task of LIBERO, the codes of the variants. A
-test compares it with the package.
+The file has all that the catalog needs without LIBERO-Plus: by axis and task of LIBERO, the codes of the variants, and
+of those whose rewritten instruction is none. A test compares it with the package.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from robogauntlet.adapters.libero.tasks import libero_tasks
-from robogauntlet.adapters.libero_plus.task_files import plus_folder
-from robogauntlet.adapters.libero_plus.variants import PlusAxis, short_name
+from robogauntlet.adapters.libero_plus.task_files import plus_folder, rewritten_instruction
+from robogauntlet.adapters.libero_plus.variants import REJECTED, PlusAxis, short_name
 
 SUFFIXES = {
     r"_language_(\d+)_view_0_0_100_0_0_initstate_0": PlusAxis.LANGUAGE,
@@ -27,6 +27,12 @@ SUFFIXES = {
     r"_(add_\d+|moved_level\d+_sample\d+|level\d+_sample\d+)": PlusAxis.LAYOUT,
 }
 """How LIBERO-Plus's names end, to the axis."""
+_OTHERS = "variation|paraphrase|rephrasing|rewording|rewrite|alternative|version|example"
+ABOUT_INSTRUCTIONS = re.compile(
+    rf"\b({_OTHERS})s?\b.*\b(instruction|sentence)s?\b|\b(instruction|sentence)s?\b.*\b(rephrased|rewritten|reworded)\b"
+    r"|\blanguage model\b|^(certainly|sorry)\b"
+)
+"""What an answer says about the sentences that were asked for, and no instruction says."""
 
 Index = Mapping[str, Mapping[str, list[int | str]]]
 
@@ -64,6 +70,12 @@ def survey(folder: Path) -> Index:
                 break
         else:
             raise ValueError(f"{suite}: expected a name of LIBERO's with a known ending, found '{name}'")
+    named = {short: base for base, short in bases.items()}
+    for short, codes in found[PlusAxis.LANGUAGE].items():
+        suite, name = named[short]
+        sentences = {code: rewritten_instruction(suite, f"{name}_{PlusAxis.LANGUAGE}_{code}") for code in codes}
+        if none := [code for code, sentence in sentences.items() if ABOUT_INSTRUCTIONS.search(sentence or "")]:
+            found.setdefault(REJECTED, {})[short] = none
     order = list(dict.fromkeys(bases.values()))
     return {axis: {base: of_axis[base] for base in order if base in of_axis} for axis, of_axis in found.items()}
 

@@ -16,7 +16,7 @@ from robogauntlet.adapters.libero.assets import Assets, find_assets, package_fol
 from robogauntlet.adapters.libero.libero_import import Libero, open_libero, read_states
 from robogauntlet.adapters.libero.tasks import STORED_STATES
 from robogauntlet.adapters.libero_plus.task_files import CLASS, Scene, categories, plus_folder, scene_of, task_file
-from robogauntlet.adapters.libero_plus.variants import PlusAxis, Variant, variants
+from robogauntlet.adapters.libero_plus.variants import NO_INSTRUCTION, PlusAxis, Variant, variants
 
 OWN_FILES = (PlusAxis.CAMERA, PlusAxis.ROBOT, PlusAxis.NOISE)
 """Axes that need nothing but LIBERO."""
@@ -67,6 +67,8 @@ def open_files(variant: Variant) -> VariantFiles:
 
 def why_left_out(variant: Variant, assets: Assets) -> str | None:
     """Return why a variant cannot be played with these assets, None if it can."""
+    if variant.is_no_instruction:
+        return NO_INSTRUCTION
     if variant.axis in OWN_FILES:
         return None
     if plus_folder() is None:

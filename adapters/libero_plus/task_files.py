@@ -10,8 +10,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
+
+from robogauntlet.adapters.package_files import folder_of
 
 PROBLEM = re.compile(r"\(problem\s+([^\s)]+)\)")
 LANGUAGE = re.compile(r"\(:language\s+([^)]*)\)")
@@ -31,13 +32,10 @@ class Scene:
     wall: str | None
 
 
-@cache
 def plus_folder() -> Path | None:
     """Return the folder `liberoplus/liberoplus` of the distribution, or None if it is not installed."""
-    spec = find_spec("liberoplus")
-    if spec is None or not spec.submodule_search_locations:
-        return None
-    return Path(next(iter(spec.submodule_search_locations))) / "liberoplus"
+    folder = folder_of("liberoplus")
+    return folder and folder / "liberoplus"
 
 
 def task_file(folder: Path, suite: str, name: str) -> Path:

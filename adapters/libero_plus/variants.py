@@ -21,6 +21,9 @@ from robogauntlet.adapters.libero_plus.task_files import rewritten_instruction
 
 OWN_VIEW = (0, 0, 100, 0, 0)
 """The numbers of a view that is LIBERO's own."""
+REJECTED = "no instruction"
+"""Key in the file of the rewritten instructions that are none."""
+NO_INSTRUCTION = "its rewritten sentence is no instruction but announces some"
 
 
 class PlusAxis(StrEnum):
@@ -100,17 +103,23 @@ class Variant:
 
     @property
     def instruction(self) -> str:
-        """LIBERO's instruction, or the rewritten one if LIBERO-Plus is installed here."""
+        """LIBERO's instruction, or the rewritten one; what that is, if LIBERO-Plus is not installed here."""
         if self.axis is PlusAxis.LANGUAGE:
-            return rewritten_instruction(self.base.libero_suite, self.file) or self.base.instruction
+            rewritten = rewritten_instruction(self.base.libero_suite, self.file)
+            return rewritten or f"LIBERO-Plus's rewording of: {self.base.instruction}"
         return self.base.instruction
+
+    @property
+    def is_no_instruction(self) -> bool:
+        """Whether its rewritten instruction is none, such as the beginning of a list of them."""
+        return self.axis is PlusAxis.LANGUAGE and self.numbers[0] in _no_instructions().get(short_name(self.base), ())
 
     @property
     def description(self) -> TaskDescription:
         """The task, as the catalog shows it."""
         own = _description(self.base.task)
         return TaskDescription(
-            self.instruction,
+            f"left out: {NO_INSTRUCTION}" if self.is_no_instruction else self.instruction,
             own.horizon,
             goal=own.goal,
             published_instruction=self.published_instruction,
@@ -159,8 +168,18 @@ def _description(task: str) -> TaskDescription:
 
 
 @cache
+def _index() -> Mapping[str, Mapping[str, list[int | str]]]:
+    return dict(json.loads(Path(__file__).with_name("variants.json").read_text(encoding="utf-8")))
+
+
+def _no_instructions() -> Mapping[str, list[int | str]]:
+    """Return the codes of rewritten instructions that are none, by task of LIBERO."""
+    return _index()[REJECTED]
+
+
+@cache
 def _names() -> Mapping[str, tuple[LiberoTask, PlusAxis, str]]:
-    index = json.loads(Path(__file__).with_name("variants.json").read_text(encoding="utf-8"))
+    index = _index()
     bases = {short_name(base): base for base in libero_tasks().values()}
     return {
         f"{axis}-{short}-{code}": (bases[short], axis, str(code))

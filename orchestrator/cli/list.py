@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.package_files import OTHER_ENVIRONMENTS
 from robogauntlet.orchestrator.cli.common import AsJson, StoreUrl, fail, newest_run, out, print_json, print_line
 from robogauntlet.orchestrator.cli.doctor import broken_plugins
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
@@ -153,6 +154,8 @@ def _tasks(patterns: Iterable[str]) -> list[Row]:
     for simulator in simulators.simulators().values():
         if simulator.internal:
             continue
+        if (environment := environments.resolve(simulator)) is not None:  # Its files say what policies are told.
+            OTHER_ENVIRONMENTS.extend(environment.site_packages)
         installed = not environments.missing_reason(simulator)
         for name, task in simulator.tasks.items():
             row: Row = {"task": f"{simulator.name}/{name}", "instruction": task.instruction, "horizon": task.horizon}

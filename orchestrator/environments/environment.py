@@ -71,6 +71,11 @@ class Environment:
         return self.folder / "bin" / "python"
 
     @property
+    def site_packages(self) -> list[Path]:
+        """The folders of its packages; none if it does not exist."""
+        return sorted(self.python.parent.parent.glob("lib/python3*/site-packages"))
+
+    @property
     def manifest(self) -> Mapping[str, Any] | None:
         """The content of its `environment.json`; None if it does not exist, empty for the user's own interpreter."""
         if self.entry.interpreter is not None:

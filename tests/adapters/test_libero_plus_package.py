@@ -6,14 +6,17 @@ from fnmatch import fnmatch
 import numpy as np
 import pytest
 
+from robogauntlet.adapters import package_files
 from robogauntlet.adapters.contract import TaskUnavailable
 from robogauntlet.adapters.libero.assets import Assets
 from robogauntlet.adapters.libero_plus import SIMULATOR, package, task_files
+from robogauntlet.adapters.libero_plus.generate_variants import ABOUT_INSTRUCTIONS
 from robogauntlet.adapters.libero_plus.image_noise import KINDS, LEVELS, SIZE, describe, noisy
 from robogauntlet.adapters.libero_plus.package import open_files, why_left_out
 from robogauntlet.adapters.libero_plus.placement import POSTURES, camera_pose, posture, postures, turn_between
 from robogauntlet.adapters.libero_plus.task_files import Scene, scene_of
-from robogauntlet.adapters.libero_plus.variants import PlusAxis, variant, variants
+from robogauntlet.adapters.libero_plus.variants import NO_INSTRUCTION, PlusAxis, variant, variants
+from robogauntlet.orchestrator.environments.environment import Environment, EnvironmentEntry
 
 PANDA = np.array([0.0, -1.61037389e-01, 0.0, -2.44459747, 0.0, 2.2267522, np.pi / 4])
 OWN_CAMERA = (
@@ -65,6 +68,43 @@ def test_the_instruction_is_the_goal_and_the_published_one_has_the_variants_name
     assert card.instruction == "put both the cream cheese box and the butter in the basket"
     assert card.published_instruction == f"{card.instruction} view 0 0 100 0 0 initstate 62"
     assert card.horizon == 520
+
+
+ANSWER = "language-10-7-livingroom1-36"
+
+
+def test_a_sentence_that_is_no_instruction_is_left_out_and_the_list_says_so():
+    found = [one.task for one in variants() if one.is_no_instruction]
+    assert found == [ANSWER]
+    assert why_left_out(variant(ANSWER), Assets("", {})) == NO_INSTRUCTION
+    assert SIMULATOR.tasks[ANSWER].instruction == f"left out: {NO_INSTRUCTION}"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "is_one"),
+    [
+        ("here are 20 variations of the given instruction while maintaining its core meaning", False),
+        ("certainly i can turn on the stove", False),
+        ("as a language model i cannot turn on the stove", False),
+        ("the instructions say we should put exactly 8 ounces of cream cheese in the bowl", True),
+        ("the cooking instructions say we should pick up the butter and place it in the basket first", True),
+        ("sure make sure the butter ends up in the basket", True),
+    ],
+)
+def test_an_instruction_does_not_speak_of_sentences_that_were_asked_for(sentence, is_one):
+    assert (ABOUT_INSTRUCTIONS.search(sentence) is None) is is_one
+
+
+def test_a_list_of_tasks_shows_the_sentence_that_is_told_from_the_simulators_environment(monkeypatch, tmp_path):
+    one = variant("language-goal-7-3")
+    assert one.instruction == "LIBERO-Plus's rewording of: turn on the stove"
+    folder = tmp_path / "lib" / "python3.11" / "site-packages"
+    file = task_files.task_file(folder / "liberoplus" / "liberoplus", one.base.libero_suite, one.file)
+    file.parent.mkdir(parents=True)
+    file.write_text("(:language Activate the\n  burner)", encoding="utf-8")
+    entry = EnvironmentEntry(interpreter=str(tmp_path / "bin" / "python"))
+    monkeypatch.setattr(package_files, "OTHER_ENVIRONMENTS", Environment("libero-plus", entry, "").site_packages)
+    assert one.instruction == "activate the burner"
 
 
 def test_the_camera_of_a_view_is_where_liberoplus_has_it():
