@@ -18,8 +18,6 @@ from robogauntlet.support.text import visible
 
 MAX_ACTIONS = 1000
 """Longest chunk that is accepted in an answer."""
-TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down": (-1, 1)}
-"""Strides through an image's rows and columns."""
 
 
 @runtime_checkable
@@ -41,13 +39,11 @@ def images_in(message: Mapping[str, Any]) -> dict[str, Image]:
 
 def encode_observation(convention: Convention, observation: Observation, episode: Episode) -> dict[str, Any]:
     """Return an observation in an episode under the server's keys. PolicyMismatch if the convention lacks the task."""
-    turned = (
-        convention.convention == "libero" and episode.protocol.mirrored
-    )  # by the protocol, as LIBERO's policies expect
+    # The protocol has mirrored images already, as LIBERO's policies expect them.
+    mirrored = convention.convention == "libero" and episode.protocol.mirrored
     message: dict[str, Any] = {
-        key: resize_image(convention, image if turned else turn_image(convention, image))
+        key: resize_image(convention, turn_image(convention, camera, observation.images[camera], mirrored=mirrored))
         for camera, key in convention.cameras.items()
-        for image in (observation.images[camera],)
     }
     if convention.proprioception is not None:
         state = observation.proprioception
@@ -72,10 +68,10 @@ def _native_joints(convention: Convention, state: FloatArray) -> FloatArray:
     return np.append(state[:-1] / np.asarray(convention.joint_scale), gripper)
 
 
-def turn_image(convention: Convention, image: Image) -> Image:
-    """Turn or mirror an image (height, width, 3)."""
-    rows, columns = TURNS[convention.turn]
-    return np.ascontiguousarray(image[::rows, ::columns])
+def turn_image(convention: Convention, camera: str, image: Image, *, mirrored: bool = False) -> Image:
+    """Turn or mirror a camera's image (height, width, 3), which may be mirrored already."""
+    rows, columns = convention.turn_of(camera)
+    return np.ascontiguousarray(image[::rows, :: -columns if mirrored else columns])
 
 
 def resize_image(convention: Convention, image: Image) -> Image:

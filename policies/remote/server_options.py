@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+import reprlib
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlsplit
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from robogauntlet.adapters.contract import ACTION_DIM
 from robogauntlet.policies.contract import PolicyError, Wishes
@@ -33,10 +34,24 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "so101": {"joints": 5, "joint_scale": math.pi / 180.0, "gripper_open": 100.0, "gripper_closed": 0.0},
 }
 """Convention to the options that it sets."""
+TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down": (-1, 1)}
+"""Name of a turn to the strides through an image's rows and columns."""
 OF_TOOLS = {"translation_scale", "rotation", "rotation_scale"}
 """Options that have no meaning for joints."""
 GRIPPER_RANGE = {"gripper_open", "gripper_closed"}
 """Options without a default beside joints."""
+
+
+def _turns(value: object) -> object:
+    """A turn of all images, or camera to turn. Raises ValueError for another."""
+    given = value if isinstance(value, Mapping) else dict.fromkeys(CAMERAS, value)
+    if not given or any(not isinstance(turn, str) or turn not in TURNS for turn in given.values()):
+        *names, last = TURNS
+        raise ValueError(f"expected {', '.join(names)} or {last}, or one for each camera, got {reprlib.repr(value)}")
+    if unknown := [camera for camera in given if camera not in CAMERAS]:
+        raise ValueError(f"expected some of {', '.join(CAMERAS)}, got {reprlib.repr(unknown[0])}")
+    turns = {camera: given.get(camera, "none") for camera in CAMERAS}
+    return turns if len(set(turns.values())) > 1 else turns[CAMERAS[0]]  # one hash for one meaning
 
 
 class Convention(BaseModel):
@@ -60,8 +75,9 @@ class Convention(BaseModel):
     """px, or [height, width], in which frames are rendered unless the suite states another; by default as rendered"""
     resize: Literal["pad", "stretch"] = "pad"
     """pad (keeps the shape) or stretch"""
-    turn: Literal["none", "half", "left-right", "upside-down"] = "none"
-    """none, half (180 degrees), left-right or upside-down: how images are turned before they are resized and sent"""
+    turn: Annotated[str | dict[str, str], BeforeValidator(_turns)] = "none"
+    """none, half (180 degrees), left-right or upside-down: how images are turned before they are resized and sent; or
+    one for each camera, such as {third_person: left-right, wrist: none}"""
     actions: Key = ACTIONS_KEY
     """key of the chunk in the answer"""
     columns: tuple[Annotated[int, Field(strict=True, ge=0, le=255)] | None, ...] | None = None
@@ -106,7 +122,7 @@ class Convention(BaseModel):
             raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
         if self.turns_by_quaternion and self.rotation_scale != 1.0:
             raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
-        if conflicting := sorted(self.model_fields_set & PRESETS.get(self.convention, {}).keys()):
+        if conflicting := sorted(self._own & PRESETS.get(self.convention, {}).keys()):
             raise ValueError(f"expected no {' and no '.join(conflicting)}, which convention {self.convention} sets")
         if joints and (of_tools := sorted(self.model_fields_set & OF_TOOLS)):
             raise ValueError(f"expected no {' and no '.join(of_tools)} beside joints, whose targets are no motion")
@@ -124,7 +140,19 @@ class Convention(BaseModel):
 
     def resolved(self) -> Self:
         """Return a copy with the options that its convention sets."""
-        return self.model_copy(update=PRESETS.get(self.convention))
+        preset = PRESETS.get(self.convention, {})
+        if isinstance(self.turn, dict):
+            preset = {name: value for name, value in preset.items() if name != "turn"}
+        return self.model_copy(update=preset)
+
+    @property
+    def _own(self) -> set[str]:
+        """The given options, but for a turn of each camera: a convention's is one of all."""
+        return self.model_fields_set - ({"turn"} if isinstance(self.turn, dict) else set())
+
+    def turn_of(self, camera: str) -> tuple[int, int]:
+        """Return the strides through the rows and columns of a camera's images."""
+        return TURNS[self.turn[camera] if isinstance(self.turn, dict) else self.turn]
 
     @property
     def has_joints(self) -> bool:

@@ -11,7 +11,7 @@ from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMisma
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, turn_image
 from robogauntlet.policies.remote.protocol import as_message, query_in
 from robogauntlet.policies.remote.server_options import read_options
-from robogauntlet.suites.episode import Episode, Protocol
+from robogauntlet.suites.episode import CAMERAS, Episode, Protocol
 from tests.errors import one_line_error
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -70,7 +70,33 @@ def test_numbers_that_are_no_quaternion_are_refused_in_one_line():
 )
 def test_images_are_turned_and_mirrored(turn, corners):
     image = np.frombuffer(b"abcd", np.uint8).reshape(2, 2, 1).repeat(3, axis=2)
-    assert bytes(turn_image(server_options(turn=turn), image)[..., 0]) == corners.encode()
+    assert bytes(turn_image(server_options(turn=turn), "wrist", image)[..., 0]) == corners.encode()
+
+
+def test_each_camera_may_have_a_turn_of_its_own():
+    image = np.frombuffer(b"abcd", np.uint8).reshape(2, 2, 1).repeat(3, axis=2)
+    options = server_options(turn={"third_person": "left-right"})
+    turned = {camera: bytes(turn_image(options, camera, image)[..., 0]) for camera in CAMERAS}
+    assert turned == {"third_person": b"badc", "wrist": b"abcd"}
+    same, none = dict.fromkeys(CAMERAS, "half"), dict.fromkeys(CAMERAS, "none")
+    assert server_options(turn=same).digest("x") == server_options(turn="half").digest("x")
+    assert server_options(turn=none).digest("x") == server_options().digest("x") != options.digest("x")
+
+
+@pytest.mark.parametrize(
+    ("turn", "match"),
+    [
+        ("left", "turn: expected none, half, left-right or upside-down, or one for each camera, got 'left'$"),
+        (90, "turn: expected none, .*, got 90$"),
+        ({}, "turn: expected none, .*, got {}$"),
+        ({"wrist": "left"}, "turn: expected none, .*, got {'wrist': 'left'}$"),
+        ({"wrist": ["half"]}, "turn: expected none, .*"),
+        ({"front": "half"}, "turn: expected some of third_person, wrist, got 'front'$"),
+    ],
+)
+def test_a_turn_that_is_none_is_one_line(turn, match):
+    with one_line_error(PolicyError, match):
+        read_options({"address": "a:1", "turn": turn})
 
 
 def test_options_added_later_do_not_change_the_hash_of_policies_without_them():

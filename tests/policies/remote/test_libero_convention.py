@@ -43,6 +43,18 @@ def test_images_that_the_protocol_has_mirrored_are_not_mirrored_again():
         np.testing.assert_array_equal(openvla[name], usual[name])
 
 
+def test_a_turn_of_each_camera_takes_the_place_of_the_conventions():
+    """As X-VLA was trained: third-person images turned, wrist images as LIBERO draws them, bottom row first."""
+    options = read_options({**CARD, "turn": {"third_person": "left-right", "wrist": "upside-down"}})
+    task = "libero/goal-7-turn-on-stove"
+    mirrored = replace(SEEN, images={name: image[:, ::-1] for name, image in SEEN.images.items()})
+    for seen, protocol in ((SEEN, ProtocolName.ROBOGAUNTLET), (mirrored, ProtocolName.OPENVLA)):
+        message = encode_observation(options, seen, episode(task, protocol))
+        np.testing.assert_array_equal(message["observation/image"], SEEN.images["third_person"][:, ::-1])
+        np.testing.assert_array_equal(message["observation/wrist_image"], SEEN.images["wrist"][::-1])
+        np.testing.assert_allclose(message["observation/state"][:3], [-0.26, 0.1, 1.112])
+
+
 def test_an_answer_is_scaled_by_the_controllers_range_and_the_gripper_is_unchanged():
     chunk = decode_chunk(read_options(CARD), {"actions": np.array([[1.0, 0, 0, 0, 0, -1.0, -1.0]])})
     np.testing.assert_allclose(chunk, [[0.0131, 0, 0, 0, 0, -0.118, -1.0]])
