@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.cli.common import (
     AsJson,
     HistoryUrl,
     PolicyOptions,
+    Success,
     fail,
     out,
     print_json,
@@ -45,6 +46,7 @@ def bisect(
         ),
     ] = None,
     option: PolicyOptions = None,
+    success: Success = None,
     seeds: Annotated[
         int | None,
         typer.Option(
@@ -72,11 +74,13 @@ def bisect(
     Exit codes: 0 found, 2 bad input or the ends do not differ, 3 stopped early or the seeds did not decide (a range is
     printed), 130 interrupted; the same command with --out continues.
     """
+    settings = {} if success is None else {"success": str(success)}
     texts, options = [good, *(checkpoints or ()), bad], read_options(option or ())
-    plan, folder = plan_search(texts, task, seeds, out_folder, options, {})
+    plan, folder = plan_search(texts, task, seeds, out_folder, options, settings)
     arguments = ["robogauntlet", "bisect", "--good", good, "--bad", bad, *(checkpoints or ())]
     arguments += [argument for name in task for argument in ("--task", name)]
     arguments += [argument for name, value in options.items() for argument in ("--option", option_text(name, value))]
+    arguments += [] if success is None else ["--success", str(success)]
     command = shlex.join([*arguments, "--seeds", str(plan.suite.seeds.count), "--out", str(folder)])
     if not as_json:
         print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} at most, into {folder}")

@@ -12,7 +12,7 @@ from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.report import Report, combinations, facts, failures
 from robogauntlet.results.report.formatting import NOTHING, TextTable, is_folded, share, summary_table
 from robogauntlet.results.report.merging_cost import compact_table, overall_table
-from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import Condition, SuccessRule
 from robogauntlet.support.text import visible
 
 MAX_TASKS = 200
@@ -31,6 +31,7 @@ def print_summary(report: Report) -> None:
     many = len(tables.conditions) > MAX_CONDITIONS
     shown = tables.conditions[:1] if many else tables.conditions
     where = f", {shown[0]}" if many else ""
+    where += ", success at a single step" if report.document.suite.success_rule is SuccessRule.ONCE else ""
     if len({cell.task for cell in tables.cells}) <= MAX_TASKS:
         _print_table(_per_task(tables, shown), f"Success rate with 95 % Wilson interval, per task{where}")
     if many:

@@ -56,7 +56,7 @@ def _compare_with_last_good(run: Path, url: str | None, options: dict[str, Any])
         comparison = check_regression(history, document, run, **options)
     if comparison is None:
         raise BadInput(
-            f"{run}: expected a complete earlier run of suite '{document.suite.name}' beside it, found none; "
-            "name one with --baseline"
+            f"{run}: expected a complete earlier run of suite '{document.suite.name}' beside it, found none "
+            f"that counts success {document.suite.success_rule}; name one with --baseline"
         )
     return comparison

@@ -14,6 +14,7 @@ from robogauntlet.orchestrator.cli.common import (
     EXIT_STOPPED,
     AsJson,
     PolicyOptions,
+    Success,
     fail,
     out,
     print_json,
@@ -58,6 +59,7 @@ def search(
         Path | None,
         typer.Option("--out", help="Folder; by default a new one under runs/. A search that is in it is continued."),
     ] = None,
+    success: Success = None,
     seed: Annotated[int, typer.Option(min=0, max=MAX_COUNT, help="Draws the random directions.")] = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -68,7 +70,7 @@ def search(
     seeds, from 10,000 on.
     """
     (entry,) = with_options([read_reference(policy)], read_options(option or ()))
-    request = SearchRequest(entry, tuple(task), tuple(axis or ()), budget, below / 100, seed)
+    request = SearchRequest(entry, tuple(task), tuple(axis or ()), budget, below / 100, seed, success)
     searches = plan_search(request)
     folder = out_folder or new_run_folder(f"search-{entry.name}"[:MAX_NAME])
     said = print_line if not as_json else lambda line: print(line, file=sys.stderr)

@@ -36,7 +36,7 @@ from robogauntlet.results.statistics.worst_case import (
 )
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.axes import AXES, why_exclusive
-from robogauntlet.suites.episode import CONTROLS, Condition, Perturbation
+from robogauntlet.suites.episode import CONTROLS, Condition, Perturbation, SuccessRule
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, valid_name
 from robogauntlet.support.errors import BadInput, UserError, describe_os_error
@@ -67,6 +67,8 @@ class SearchRequest:
     below: float
     """The share of the clean rate below which the policy counts as broken."""
     seed: int
+    success: SuccessRule | None = None
+    """When an episode is a success; by default as in suites."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +238,7 @@ class _TaskPlayer:
             first_seed=asked.seeds.start,
             conditions=[str(condition) for condition in conditions.values()],
             folder=folder,
-            settings={"error_tolerance": 1.0},
+            settings={"error_tolerance": 1.0} | ({"success": str(rule)} if (rule := self._request.success) else {}),
         )
         statuses = self._statuses(plan, folder)
         self._played += asked.episodes

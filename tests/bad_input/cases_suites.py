@@ -183,7 +183,6 @@ OTHERS = {
     "success": {
         "twice": "expected 'held' or 'once', found 'twice'",
         "5": "expected 'held' or 'once', found 5",
-        "[once]": "found a list",
     },
     "workers": {
         "many": "expected 'auto', found 'many'",

@@ -141,6 +141,16 @@ def test_a_copy_of_a_checkpoint_is_the_same_policy(tmp_path, monkeypatch):
         robogauntlet.bisect("base", "zero", ["copy"], "null/Reach", image_size=16)
 
 
+def test_a_search_keeps_its_rule_of_success_when_it_is_continued(run_command, tmp_path, monkeypatch):
+    def caught(texts, plan, *rest, **more):
+        assert plan.suite.success_rule == "once"
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("robogauntlet.orchestrator.cli.bisect.play_search", caught)
+    stopped = run_command("bisect", "--good", "oracle", "--bad", "zero", *TASK, "--success", "once")
+    assert "continue with: robogauntlet bisect --good oracle --bad zero --task null/Reach --success once" in stopped.err
+
+
 def test_mistakes_in_python_are_one_line_and_nothing_is_started(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(run, "run_plan", None)

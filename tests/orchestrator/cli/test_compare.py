@@ -146,7 +146,10 @@ def test_policies_that_share_no_episode_are_one_line(run_command, runs):
         (("compare", "monday", "--policy", "p"), "monday: expected two policies to compare, got p"),
         (("compare", "monday", "--format", "junit"), "--format junit: expected text, json or markdown for"),
         (("compare", "monday:p", "monday:q", "--policy", "p"), "--policy: expected with a whole run only"),
-        (("gate", "monday"), "monday: expected a complete earlier run of suite 'synthetic' beside it, found none; "),
+        (
+            ("gate", "monday"),
+            "monday: expected a complete earlier run of suite 'synthetic' beside it, found none that counts success ",
+        ),
         (("compare", "monday", "nowhere"), "nowhere: expected a run folder, it does not exist"),
         (("compare", "monday", "tuesday", "--policy", "P"), "monday: the run has no policy 'P'; known: p, q"),
         (("gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: cannot be written: No such file or directory"),

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
@@ -14,7 +15,7 @@ from robogauntlet.results.report.worst_cases import boundary_table, confirmation
 from robogauntlet.results.run_document import RunStatus, read_run
 from robogauntlet.results.statistics.worst_case import LEAST_STATES
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.suites.episode import FIRST_TRAINING_SEED
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED, SuccessRule
 from robogauntlet.support.errors import BadInput
 from tests.orchestrator.runs.playing import rows_of
 
@@ -137,7 +138,10 @@ def test_a_complete_search_is_read_and_not_played_again(searched, tmp_path, monk
 
 
 @pytest.mark.ray
-@pytest.mark.parametrize(("name", "value"), [("budget", 120), ("axes", ("action-delay",)), ("seed", 1), ("below", 0.4)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("budget", 120), ("axes", ("action-delay",)), ("seed", 1), ("below", 0.4), ("success", SuccessRule.ONCE)],
+)
 def test_a_folder_with_another_search_is_refused(searched, name, value):
     with pytest.raises(BadInput, match=f"its search has another '{name}'; give another folder with --out"):
         play(searched[0], **{name: value})
@@ -148,6 +152,17 @@ def test_a_folder_with_another_search_is_refused(searched, name, value):
 def test_a_round_of_errors_alone_stops_the_search(tmp_path):
     with pytest.raises(SearchStopped, match="every episode of the round ended in an error"):
         play(tmp_path / "broken", policy=read_reference(f"python:{__name__}:Broken"), axes=("noise",))
+
+
+@pytest.mark.parametrize("rule", SuccessRule)
+def test_rounds_count_success_by_the_rule_of_the_search(tmp_path, monkeypatch, rule):
+    def caught(plan, *rest):
+        raise SearchStopped(plan.suite.success_rule)
+
+    monkeypatch.setattr(worst_case_search, "_ray", nullcontext)
+    monkeypatch.setattr(worst_case_search, "run_plan", caught)
+    with pytest.raises(SearchStopped, match=f"^{rule}$"):
+        play(tmp_path / "search", success=rule)
 
 
 class Broken:
