@@ -19,6 +19,9 @@ from robogauntlet.adapters.contract import FloatArray, Image, SimulatorUnavailab
 from robogauntlet.adapters.mujoco_culling import MujocoCulling
 from robogauntlet.suites.episode import RenderProfile
 
+_chosen: dict[str, str] = {}
+"""The renderer with which mujoco was imported; robosuite overwrites the variable when it is imported."""
+
 
 def import_mujoco() -> Any:
     """Import mujoco with a renderer: that of `MUJOCO_GL` if it is set, else EGL if installed, else OSMesa.
@@ -29,6 +32,7 @@ def import_mujoco() -> Any:
     os.environ.setdefault("MUJOCO_GL", "egl")
     if os.environ["MUJOCO_GL"] == "egl" and find_library("EGL") is None and "mujoco" not in sys.modules:
         os.environ["MUJOCO_GL"] = "osmesa"
+    _chosen.setdefault("MUJOCO_GL", os.environ["MUJOCO_GL"])
     try:
         return importlib.import_module("mujoco")
     except ModuleNotFoundError as error:
@@ -38,12 +42,23 @@ def import_mujoco() -> Any:
 
 
 def no_rendering(error: Exception) -> SimulatorUnavailable:
-    """Return the error to raise when MuJoCo cannot render."""
-    return SimulatorUnavailable(
-        f"MuJoCo cannot render with MUJOCO_GL={os.environ['MUJOCO_GL']} ({error}): install the Debian packages "
-        "libegl1, libegl-mesa0 and libgl1-mesa-dri, or install libosmesa6 and set MUJOCO_GL=osmesa before mujoco is "
-        "first imported"
-    )
+    """Return the error to raise when MuJoCo cannot render, with what to do about it."""
+    renderer = _chosen.get("MUJOCO_GL", os.environ.get("MUJOCO_GL", ""))
+    visible, device = (os.environ.get(name, "") for name in ("CUDA_VISIBLE_DEVICES", "MUJOCO_EGL_DEVICE_ID"))
+    if renderer not in ("egl", "osmesa"):
+        remedy = "unset MUJOCO_GL, which is then egl and needs no screen, or set MUJOCO_GL=osmesa"
+    elif device and visible and device not in visible.split(","):
+        remedy = f"MUJOCO_EGL_DEVICE_ID={device} is not among CUDA_VISIBLE_DEVICES={visible}; "
+        remedy += "set it to one of them, or unset it"
+    elif device and renderer == "egl":
+        remedy = f"unset MUJOCO_EGL_DEVICE_ID={device}, or set it to the number of a device that EGL has"
+    else:
+        remedy = (
+            "install the Debian packages libegl1, libegl-mesa0 and libgl1-mesa-dri, or install libosmesa6 and set "
+            "MUJOCO_GL=osmesa before mujoco is first imported"
+        )
+    said = " ".join(str(error).split()).rstrip(".")
+    return SimulatorUnavailable(f"MuJoCo cannot render with MUJOCO_GL={renderer} ({said}): {remedy}")
 
 
 class MujocoScene:
