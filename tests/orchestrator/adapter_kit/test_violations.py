@@ -1,10 +1,11 @@
 """Each violation of the contract is reported by its check in one line."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 
-from robogauntlet.orchestrator.adapter_kit.checks import CHECKS, actions, resources, types
+from robogauntlet.orchestrator.adapter_kit.checks import CHECKS, actions, resources, seeds, types
 from robogauntlet.orchestrator.adapter_kit.checks.check import Outcome
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from tests.orchestrator.adapter_kit import (  # noqa: F401  register them
@@ -218,3 +219,18 @@ def test_a_task_that_does_not_open_fails_once_and_skips_the_rest(subject):
     outcomes = {name: check.run(closed)[0].outcome for name, check in CHECKS.items()}
     assert [name for name, outcome in outcomes.items() if outcome is Outcome.FAILED] == ["opens"]
     assert [name for name, outcome in outcomes.items() if outcome is Outcome.PASSED] == ["declaration", "description"]
+
+
+@pytest.mark.parametrize(
+    ("states", "seen"),
+    [
+        (None, ["other seeds to start differently; seen: 2 of 4"]),
+        (3, ["other seeds to start differently; seen: 2 of 3"]),
+        *((states, []) for states in (1, 2)),
+        (-1, ["start_states to be None, or 1 or more; seen: -1"]),
+    ],
+)
+def test_a_task_that_stores_states_starts_from_as_many_as_it_says(monkeypatch, states, seen):
+    monkeypatch.setattr(seeds, "trace", lambda subject, seed: seeds.Trace(f"{seed % 2}", "", ""))
+    task = SimpleNamespace(description=SimpleNamespace(start_states=states))
+    assert [f"{one.expected}; seen: {one.seen}" for one in CHECKS["seeds"].body(task)] == seen
