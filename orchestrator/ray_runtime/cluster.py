@@ -66,7 +66,7 @@ def check_address(address: str) -> None:
 
 def _refuses_token(address: str) -> bool:
     """Whether the head refuses the token of this process. Another process asks, as Ray logs the answer."""
-    asked, environment = [sys.executable, "-c", _ASK, address], without_secrets(os.environ)
+    asked, environment = [sys.executable, "-P", "-c", _ASK, address], without_secrets(os.environ)
     try:
         done = subprocess.run(asked, capture_output=True, timeout=CONNECT_S, env=environment, check=False)
         return done.returncode == REFUSED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from robogauntlet.orchestrator.ray_runtime import idle_agent, setup_worker
@@ -77,3 +77,22 @@ def private_module(name: str) -> Any:
 def private(module: str, name: str) -> Any:
     """A private name of Ray for which there is no public interface; None if this version of Ray lacks it."""
     return getattr(private_module(module), name, None)
+
+
+class _NoFolders(list[str]):
+    """A list to which nothing is added."""
+
+    def extend(self, _: Iterable[str]) -> None:
+        """Add nothing."""
+
+
+def job_without_folders() -> Any:
+    """What Ray is told about this process, without the folders of its script and its work.
+
+    Workers would look for every module there first, before Python's own.
+    """
+    from ray.job_config import JobConfig
+
+    job = JobConfig()
+    job._py_driver_sys_path = _NoFolders()
+    return job

@@ -14,7 +14,13 @@ from typing import Any
 import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
-from robogauntlet.orchestrator.ray_runtime.parts import private, private_module, replaced, without_unused_parts
+from robogauntlet.orchestrator.ray_runtime.parts import (
+    job_without_folders,
+    private,
+    private_module,
+    replaced,
+    without_unused_parts,
+)
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
 from robogauntlet.support.interrupts import deferred_interrupts
@@ -151,6 +157,7 @@ def _start(address: str | None, workers: int) -> None:
     logging.getLogger("ray").setLevel(logging.ERROR)
     on_terminate = signal.getsignal(signal.SIGTERM)
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+    options |= {"job_config": job_without_folders()}
     if address is None:
         cores = max(os.cpu_count() or 1, workers)
         options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _STARTED_HERE}

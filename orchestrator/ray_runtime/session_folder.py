@@ -47,7 +47,7 @@ class SessionFolder:
         self.ray, self.temporary = path / "ray", path / "tmp"
         self.temporary.mkdir()
         self._guard = subprocess.Popen(
-            [sys.executable, "-m", __spec__.name, str(path), str(os.getpid())],
+            [sys.executable, "-P", "-m", __spec__.name, str(path), str(os.getpid())],
             env=without_secrets(os.environ),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,

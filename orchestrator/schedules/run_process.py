@@ -54,7 +54,14 @@ def begin(schedule: Schedule, scheduled_run: ScheduledRun, history_url: str) -> 
     """
     folder = Path(scheduled_run.folder)
     folder.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run", schedule.suite]
+    command = [
+        sys.executable,
+        "-P",
+        "-c",
+        "from robogauntlet.orchestrator.cli import main; main()",
+        "run",
+        schedule.suite,
+    ]
     command += [*schedule.arguments, "--out", str(folder)]
     # The URL may contain a password, and the arguments of a process are visible to everyone.
     environment = {name: value for name, value in os.environ.items() if name not in SERVER_SECRETS}

@@ -1,17 +1,23 @@
 """A local Ray for the tests that need one, an observer of a scheduler, and the command line in this process."""
 
+import os
 import sys
 from dataclasses import dataclass
 
 import pytest
+
+from tests import ROOT
 
 
 @pytest.fixture(scope="session")
 def ray_here():
     from robogauntlet.orchestrator.ray_runtime.session import ray_session
 
-    with ray_session(address=None, workers=3):
-        yield
+    with pytest.MonkeyPatch.context() as patch:  # workers import functions of tests
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])))
+        with ray_session(address=None, workers=3):
+            patch.undo()
+            yield
 
 
 @pytest.fixture(scope="module")

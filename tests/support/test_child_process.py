@@ -100,3 +100,10 @@ def test_the_deadline_holds_after_the_first_byte(code):
 def test_a_process_that_reads_nothing_does_not_block_its_parent():
     with child("import time; time.sleep(60)") as deaf, pytest.raises(ChildTimeout, match=r"did not take its request"):
         deaf.ask("x" * 5_000_000, 0.5)
+
+
+def test_a_child_does_not_look_for_modules_in_the_working_folder(tmp_path, monkeypatch):
+    (tmp_path / "json.py").write_text("raise SystemExit(7)")
+    monkeypatch.chdir(tmp_path)
+    with JsonChild([sys.executable, "-c", "import json, os, sys; os.write(int(sys.argv[-1]), b'1\\n')"]) as child:
+        assert child.receive(60.0) == 1

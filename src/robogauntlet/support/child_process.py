@@ -52,6 +52,7 @@ class JsonChild:
         Raises:
             OSError: The process cannot be started.
         """
+        chosen = without_secrets(os.environ) if environment is None else environment
         self._answers, write_end = os.pipe()
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  closed in close
         try:
@@ -60,7 +61,7 @@ class JsonChild:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._stderr,
-                env=without_secrets(os.environ) if environment is None else environment,
+                env={**chosen, "PYTHONSAFEPATH": "1"},  # the working folder may have a module named as one of Python's
                 pass_fds=(write_end,),
                 bufsize=0,
                 start_new_session=own_group,

@@ -1,5 +1,6 @@
 """Nothing of a session is left, however the process that began it ends."""
 
+import ast
 import os
 import signal
 import subprocess
@@ -16,7 +17,7 @@ from tests.processes import GAUNTLET, run_process, started_by
 WITHIN_S = 30.0
 SUITE = "name: s\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 200}\nworkers: 2\n"
 LOOKED_AT = """
-import os, subprocess, sys
+import os, subprocess, sys, ray
 from pathlib import Path
 from robogauntlet.orchestrator.ray_runtime.session import ray_session, temporary_folder
 
@@ -24,6 +25,7 @@ with ray_session(address=None, workers=1):
     root = temporary_folder().parent
     sockets = [str(path) for path in root.rglob("*") if path.is_socket()]
     assert sockets and max(map(len, sockets)) <= 107, sockets
+    print(ray.get(ray.remote(lambda: [sys.path, os.getcwd()]).remote()))
     print(root)
     print(root.parent, oct(root.stat().st_mode & 0o777), root.stat().st_uid == os.getuid())
     (logs,) = root.glob("ray/session_2*/logs")
@@ -37,21 +39,31 @@ pytestmark = pytest.mark.ray
 
 @pytest.fixture(scope="module")
 def looked_at(tmp_path_factory):
-    """What a session under a long TMPDIR prints: its folder, where that is and whose, and what another user can do."""
+    """What a session under a long TMPDIR prints.
+
+    That is: where its workers look for modules, its folder, where that is and whose, and what another user can do.
+    """
     long = tmp_path_factory.mktemp("job" + "x" * 60)
-    done = run_process([sys.executable, "-c", LOOKED_AT], TMPDIR=str(long))
+    (long / "looking.py").write_text(LOOKED_AT)
+    done = run_process([sys.executable, "looking.py"], cwd=long, TMPDIR=str(long))
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()[-3:]
+    return done.stdout.splitlines()[-4:]
+
+
+def test_workers_look_for_no_module_in_the_working_folder_or_that_of_the_script(looked_at):
+    path, folder = ast.literal_eval(looked_at[0])
+    assert folder not in path
+    assert "" not in path
 
 
 def test_the_folder_of_a_session_goes_with_it(looked_at):
-    assert not Path(looked_at[0]).exists()
+    assert not Path(looked_at[1]).exists()
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="this machine lets only root act as a second user")
 def test_another_user_reaches_nothing_of_a_session_whatever_tmpdir_is_and_no_socket_is_too_long(looked_at):
-    assert looked_at[1] == "/tmp 0o700 True"
-    assert looked_at[2].endswith("Permission denied")
+    assert looked_at[2] == "/tmp 0o700 True"
+    assert looked_at[3].endswith("Permission denied")
 
 
 def test_half_a_minute_after_sigkill_nothing_of_a_run_is_left(tmp_path):
