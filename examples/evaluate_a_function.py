@@ -11,15 +11,23 @@ import robogauntlet
 TASK = "pybullet/PandaReach-v3"
 
 
-# %% A policy: eight actions towards the middle of the table. Metres, radians, gripper from -1 (open) to +1 (closed).
-def towards_the_middle(images: dict[str, np.ndarray], proprioception: np.ndarray, instruction: str) -> np.ndarray:
-    """Return eight actions, (8, 7)."""
-    way = np.array([0.6, 0.0, 0.15]) - proprioception[:3]
-    return np.tile([*np.clip(way / 8, -0.03, 0.03), 0.0, 0.0, 0.0, 1.0], (8, 1))
+# %% A policy, from pixels alone. The camera was measured in 150 pictures of other seeds.
+def act(images: dict[str, np.ndarray], proprioception: np.ndarray, instruction: str) -> np.ndarray:
+    """Move the tool to the red ball in the picture, four actions at a time."""
+    camera = np.array([1.2529, 0.3445, 0.505])  # its place (m); then what is right, below and ahead in its picture
+    axes = np.array([[-0.0148, 0.0311, 0.0004], [0.0141, 0.0073, -0.0305], [-0.0402, -0.0205, -0.0229]])
+    tool, picture = proprioception[:3], images["third_person"].astype(float)
+    red = picture[..., 0] - picture[..., 1:].max(axis=2) > 60
+    if red.sum() < 10:  # the hand hides the ball, which is further away from the camera
+        step = 0.03 * (tool - camera) / np.linalg.norm(tool - camera)
+    else:  # the ball looks smaller from further away
+        down, right = np.argwhere(red).mean(axis=0) / len(red) - 0.5
+        step = (camera + np.array([right, down, 1]) @ axes / np.sqrt(red.mean()) - tool) / 6
+    return np.tile([*step, 0, 0, 0, 1], (4, 1))  # metres, radians, gripper from -1 (open) to +1 (closed)
 
 
 # %% Its success, clean and with noisy images.
-run = robogauntlet.evaluate(towards_the_middle, TASK, seeds=4, conditions="noise@2")
+run = robogauntlet.evaluate(act, TASK, seeds=4, conditions="noise@2")
 print(run)
 
 # %% A row per episode.
@@ -29,7 +37,7 @@ print(run.episodes()[["axis", "seed", "status", "steps"]].to_string(index=False)
 environment = robogauntlet.make(TASK, render_mode="rgb_array")
 observation, _ = environment.reset(seed=0)
 print(observation["instruction"])
-for action in towards_the_middle(**observation):
+for action in act(**observation):
     observation, reward, terminated, truncated, info = environment.step(action)
 print(observation["proprioception"][:3].round(3), info, environment.render().shape)
 environment.close()

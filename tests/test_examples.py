@@ -100,11 +100,22 @@ def test_the_server_of_openvla_oft_answers_openpis_queries_with_the_checkpoints_
     np.testing.assert_allclose(chunk, [[0.2, 0.0, 1.0, 2.0, 224, 224, 1.0]] * 8)
 
 
+def test_the_pages_have_the_function_of_the_example():
+    sources = [ROOT / "examples" / "evaluate_a_function.py", ROOT / "README.md", ROOT / "docs" / "python.md"]
+    texts = [path.read_text(encoding="utf-8") for path in sources]
+    functions = [
+        re.search(r"^    .{3}Move the tool.*?^    return [^\n]*\n", text, re.MULTILINE | re.DOTALL)[0] for text in texts
+    ]
+    assert len(functions[0].splitlines()) > 10
+    assert set(functions) == {functions[0]}
+
+
 @pytest.mark.simulator
 @pytest.mark.ray
 def test_a_function_is_evaluated_and_stepped(tmp_path):
     output = example("evaluate_a_function.py", cwd=tmp_path)
-    assert re.search(r"towards_the_middle pybullet/PandaReach-v3\s+noise@2\s+[01].\d\d", output)
+    assert re.search(r"act pybullet/PandaReach-v3\s+clean\s+(0.75|1.00)", output)
+    assert re.search(r"act pybullet/PandaReach-v3\s+noise@2\s+[01].\d\d", output)
     assert output.count("failure") + output.count("success ") >= 8
     assert "reach" in output
     assert "(256, 256, 3)" in output

@@ -167,5 +167,6 @@ def test_the_quick_start_is_followed_word_by_word(program, wheels, tmp_path):
                 printed += run(program, *words[1:], cwd=tmp_path)
     for number in (10, 40):
         assert f"{number} of {number} episodes" in printed
+    assert re.search(r"act pybullet/PandaReach-v3\s+clean\s+0.[89]0", printed)
     assert (tmp_path / "runs" / "first" / "report.html").is_file()
     assert "everything that is installed works" in run(program, "doctor", cwd=tmp_path)

@@ -89,10 +89,10 @@ DEFINITIONS = {
     "added up, severities are not, since they share their seeds. Adjusted by Holm's method over the severities of an "
     "axis in all comparisons: of many axes without a difference, one in twenty shows one. Controls and combinations "
     "are not compared, and no oracle gate applies: every pair counts.",
-    "median difference": "Of the start states (task and seed) at which both succeeded, first minus second; 95 % "
-    "bootstrap interval of start states within tasks. p: Wilcoxon's signed-rank test, two-sided, adjusted by Holm's "
-    "method over all measures of all comparisons in which enough pairs differ for the test to reach 0.05. Where only "
-    "one succeeded, nothing is compared.",
+    "median difference": "The median over the start states (task and seed) at which both succeeded, first minus "
+    "second; 95 % bootstrap interval of start states within tasks. p: Wilcoxon's signed-rank test, two-sided, adjusted "
+    "by Holm's method over all measures of all comparisons in which enough pairs differ for the test to reach 0.05. "
+    "Where only one succeeded, nothing is compared.",
     "letters": "Policies that share a letter do not differ significantly (McNemar's exact test on the episodes of "
     "both, adjusted by Holm's method).",
     "control": "A condition in which a policy that uses images and instruction should fail: remaining success does not "
