@@ -164,7 +164,12 @@ def _start(address: str | None, workers: int) -> None:
         options |= {"_temp_dir": str(_folder.ray)} if _folder is not None else {}
     children = set(psutil.Process().children(recursive=True))
     try:
-        with without_unused_parts(), _environment(_hidden() if address is None else {}):
+        with (
+            without_unused_parts(),
+            _environment(_hidden() if address is None else {}),
+            # Its own handlers exit with another code, and would be in force for the seconds of the start.
+            replaced(private_module("utils"), "set_sigterm_handler", lambda _: None),
+        ):
             ray.init(address or "local", **options)
     except Exception as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
         if address is not None:
@@ -172,7 +177,7 @@ def _start(address: str | None, workers: int) -> None:
         _end_children(but=children)
         raise RayLost(f"Ray did not start: {first_line(error)}") from error
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
+        signal.signal(signal.SIGTERM, on_terminate)  # if this version of Ray set its own
     with contextlib.suppress(OSError, RuntimeError):
         (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
 

@@ -1,9 +1,11 @@
 """Ctrl-C ends a command at any instant of its start, also where Python drops exceptions."""
 
+import ast
 import subprocess
 import sys
 from signal import SIGINT, SIGTERM
 
+import psutil
 import pytest
 
 from tests.processes import environment_of
@@ -45,3 +47,35 @@ def test_an_interruption_ends_a_command_while_this_is_imported(name, sending, nu
     done = subprocess.run(words, env=environment_of(), capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (130, "")
     assert "Traceback" not in done.stderr
+
+
+RAY_STARTS = """
+import os, psutil, time, ray
+from ray._private.node import Node
+from robogauntlet.orchestrator.cli import main, verbs
+from robogauntlet.orchestrator.ray_runtime.session import ray_session
+start_parts = Node.start_ray_processes
+def start(node):
+    start_parts(node)
+    print([process.pid for process in psutil.Process().children(recursive=True)], flush=True)
+    os.kill(os.getpid(), NUMBER)
+    time.sleep(20)
+def run():
+    with ray_session(address=None, workers=1):
+        time.sleep(20)
+Node.start_ray_processes = start
+verbs.run_command = run
+main()
+"""
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+def test_an_interruption_ends_a_command_while_ray_starts_and_leaves_no_process(number):
+    words = [sys.executable, "-c", RAY_STARTS.replace("NUMBER", str(int(number)))]
+    done = subprocess.run(words, env=environment_of(), capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr
+    started = [pid for pid in ast.literal_eval(done.stdout.splitlines()[0]) if psutil.pid_exists(pid)]
+    _, left = psutil.wait_procs([psutil.Process(pid) for pid in started], 10)
+    assert left == []
