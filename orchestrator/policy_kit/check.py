@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -16,6 +12,7 @@ from robogauntlet.adapters.contract import Image, Simulation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.policy_kit import actions, joints, motion, observation, repetition
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
+from robogauntlet.orchestrator.policy_kit.own_process import ProcessEnded, run_apart
 from robogauntlet.orchestrator.policy_kit.picture import draw_picture
 from robogauntlet.orchestrator.policy_kit.recording import InvalidAnswer, Play, play
 from robogauntlet.policies import catalog
@@ -84,6 +81,18 @@ def check_policy(probe: Probe) -> Iterator[Finding | Image]:
         _close(policy)
 
 
+def check_policy_apart(probe: Probe) -> Iterator[Finding | Image]:
+    """The same in a process of its own: threads, another working directory or a crash of the policy stay there."""
+    try:
+        yield from run_apart(_checked, probe)
+    except ProcessEnded as error:
+        yield Finding("answer", Level.FAILED, str(error))
+
+
+def _checked(probe: Probe) -> list[Finding | Image]:
+    return list(check_policy(probe))
+
+
 def _view(probe: Probe, spec: PolicySpec) -> View:
     simulator, _, name = probe.task.partition("/")
     tasks = simulators.find(simulator).tasks
@@ -103,15 +112,10 @@ def _close(policy: Policy) -> None:
 
 def _in_new_process(probe: Probe, episode: Episode) -> Play:
     """Play an episode where nothing is left of another one, not even in the policy's modules."""
-    with ProcessPoolExecutor(1, get_context("spawn"), initializer=_print_to_stderr) as process:
-        try:
-            return process.submit(_play_afresh, probe, episode).result()
-        except BrokenProcessPool:
-            raise InvalidAnswer("the policy ended its process") from None
-
-
-def _print_to_stderr() -> None:
-    os.dup2(2, 1)
+    try:
+        return run_apart(_play_afresh, probe, episode)
+    except ProcessEnded as error:
+        raise InvalidAnswer(str(error)) from None
 
 
 def _play_afresh(probe: Probe, episode: Episode) -> Play:

@@ -129,7 +129,7 @@ def _called(what: str, call: Callable[[], Result]) -> Result:
         raise InvalidAnswer(str(error)) from None
     except _Late:
         raise InvalidAnswer(f"expected an answer within {LIMIT_S:g} s, got none; find out where {what} hangs") from None
-    except Exception as error:  # a policy may raise anything
+    except (Exception, SystemExit, KeyboardInterrupt) as error:  # a policy may raise anything
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{os.path.basename(frame.filename)}:{frame.lineno}"  # noqa: PTH119
         raise InvalidAnswer(f"{what} raised {describe(error)} [{place}]") from None

@@ -59,14 +59,15 @@ def check(
     from PIL import Image
 
     from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-    from robogauntlet.orchestrator.policy_kit.check import Probe, check_policy
+    from robogauntlet.orchestrator.policy_kit.check import Probe, check_policy, check_policy_apart
     from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_simulator_environment
 
     began = time.perf_counter()
     probe = Probe(policy, PolicySource(kind, options, catalog.digest(kind, options)), task, seed, image_size)
     simulator = simulators.find(task.partition("/")[0])
     with out.status(f"playing {policy} in {task}"), redirect_stdout(sys.stderr):  # a policy may print
-        results = run_in_simulator_environment(check_policy, simulator, (probe,), environments)
+        checking = check_policy_apart if environments.resolve(simulator) is None else check_policy
+        results = run_in_simulator_environment(checking, simulator, (probe,), environments)
     findings = [result for result in results if isinstance(result, Finding)]
     images = [result for result in results if not isinstance(result, Finding)]
     try:

@@ -1,11 +1,13 @@
 """The check of a policy names its mistakes, and finds none where there are none."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.policy_kit import recording
-from robogauntlet.orchestrator.policy_kit.check import Probe, check_policy
+from robogauntlet.orchestrator.policy_kit.check import Probe, check_policy, check_policy_apart
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
@@ -158,6 +160,29 @@ def test_an_answer_that_is_no_chunk_fails(check, returned, text):
     results = check(f"def f(images, proprioception, instruction):\n    return {returned}\n")
     assert failed(results) == ["answer"]
     assert text in only(results, "answer").text
+
+
+@pytest.mark.parametrize("kind", ["SystemExit", "KeyboardInterrupt"])
+def test_a_policy_that_would_end_the_command_is_a_finding(check, kind):
+    results = check(f"def f(images, proprioception, instruction):\n    raise {kind}('enough')\n")
+    assert f"the policy raised {kind}: enough [checked_" in only(results, "answer").text
+
+
+@pytest.mark.parametrize(
+    ("does", "text"),
+    [
+        ("os.chdir('/'); threading.Thread(target=threading.Event().wait).start()", None),
+        ("os._exit(3)", "the policy ended its process"),
+    ],
+)
+def test_whatever_a_policy_does_to_its_process_the_command_goes_on(check, monkeypatch, does, text):
+    monkeypatch.setattr(f"{__name__}.check_policy", check_policy_apart)
+    place = Path.cwd()
+    results = check(
+        f"import os, threading\ndef f(images, proprioception, instruction):\n    {does}\n    return chunk(0.01)\n"
+    )
+    assert Path.cwd() == place
+    assert [finding.text for finding in found(results, "answer")] == ([text] if text else [])
 
 
 def test_a_policy_that_hangs_is_a_finding(check, monkeypatch):
