@@ -232,7 +232,7 @@ def _repeats(frame: pd.DataFrame) -> tuple[Repeats, ...]:
     ends = ["actions_hash", "final_state_hash"]
     played = frame[frame["status"] != str(Status.ERROR)].astype(dict.fromkeys([*keys[:3], *ends], str))
     once, again = (played[played["axis"] == axis].set_index(keys)[ends] for axis in (CLEAN, AGAIN))
-    both = once.join(again, rsuffix="_again", how="inner")
+    both = once.join(again.add_suffix("_again"), how="inner")
     identical = (both[ends].to_numpy() == both[[f"{end}_again" for end in ends]].to_numpy()).all(axis=1)
     counts = both.assign(identical=identical).groupby("simulator")["identical"].agg(["count", "sum"])
     return tuple(Repeats(str(name), int(count), int(same)) for name, count, same in counts.itertuples())

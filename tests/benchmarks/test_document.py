@@ -348,8 +348,8 @@ def test_what_the_page_says_of_the_screening_beside_its_findings_is_counted_in_i
     assert won.size()["merged", "instruction"].sum() == 180
     merged, experts = (rate.replace("%", " %") for rate in reworded)
     assert f"the merged policy succeeds in {merged}, the experts in {experts}." in page
-    clean = rows[rows.axis == "clean"].set_index(["policy", "task", "seed"]).actions_hash
-    same = rows.join(clean, on=["policy", "task", "seed"], rsuffix="_clean").eval("actions_hash == actions_hash_clean")
+    clean = rows[rows.axis == "clean"].set_index(["policy", "task", "seed"]).actions_hash.rename("clean_hash")
+    same = rows.join(clean, on=["policy", "task", "seed"]).eval("actions_hash == clean_hash")
     assert f"bit-identical in all {same[rows.axis == 'again'].sum()} pairs" in page
     assert same[rows.axis == "again"].all()
     acts = {"action-delay", "action-noise", "dynamics", "object-position", "robot-start"}
