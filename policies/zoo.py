@@ -25,7 +25,7 @@ def zoo_folder() -> Path:
         return in_clone
     spec = find_spec(PACKAGE)
     if spec is None or not spec.submodule_search_locations:
-        raise NotShipped(f"'{SCHEME}' checkpoints are not installed; install them: pip install robogauntlet-zoo")
+        raise NotShipped(f"'{SCHEME}' checkpoints are not installed; in a clone of the repository: pip install ./zoo")
     return Path(spec.submodule_search_locations[0]).resolve()
 
 

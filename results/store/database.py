@@ -64,7 +64,10 @@ class Database:
         where = _shown(parsed)
         try:
             engine = sa.create_engine(parsed)
-        except (ImportError, sa.exc.SQLAlchemyError) as error:
+        except ImportError as error:
+            remedy = 'for postgresql+psycopg install it: pip install "robogauntlet[postgresql]"'
+            raise StoreError(f"{where}: not installed (no module {error.name}); {remedy}") from None
+        except sa.exc.SQLAlchemyError as error:
             raise StoreError(f"{where}: {error}") from None
         database = cls(engine, where)
         if parsed.get_backend_name() == "sqlite":

@@ -40,5 +40,5 @@ def test_the_message_for_a_misspelt_name_has_the_nearest_one(merged):
 def test_without_an_installed_zoo_the_message_says_what_to_install(monkeypatch):
     monkeypatch.setattr(zoo, "PACKAGE", "no_such_zoo")
     zoo.zoo_folder.cache_clear()
-    with pytest.raises(NotShipped, match="are not installed; install them: pip install robogauntlet-zoo"):
+    with pytest.raises(NotShipped, match=r"are not installed; in a clone of the repository: pip install \./zoo"):
         shipped("zoo:merged")

@@ -29,5 +29,5 @@ def new(
     for path in TEMPLATE.write(name, folder):
         print_line(str(path))
     print_line(f"\ncd {folder}")
-    print_line("pip install --no-deps --no-build-isolation -e .")
+    print_line("pip install --no-deps -e .")
     print_line(f"robogauntlet adapters check {name}")

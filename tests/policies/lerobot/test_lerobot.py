@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.contract import ActionSpec, Observation, ObservationSpec
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query, check_fit
@@ -250,3 +251,10 @@ def test_images_of_another_size_do_not_fit(bare):
     spec = catalog.spec("lerobot", {"checkpoint": str(bare())})
     with pytest.raises(PolicyMismatch, match="made for 32 px images, the suite renders 96 px"):
         check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(("third_person",), 96))
+
+
+def test_lerobot_beside_robogauntlet_is_used_and_needs_no_environment(tmp_path, monkeypatch):
+    (tmp_path / "lerobot").mkdir()
+    (tmp_path / "lerobot" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    assert EnvironmentResolver().options("lerobot", {"checkpoint": "x/y"}) == {"checkpoint": "x/y"}

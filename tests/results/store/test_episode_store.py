@@ -303,3 +303,9 @@ def test_the_rows_of_an_ended_run_are_missed(tmp_path):
         Store.open_begun(folder, run)
     nothing = document(1, rows_hash=rows_hash([]))
     Store.open_begun(folder, nothing).close()
+
+
+def test_without_the_driver_of_postgresql_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    with pytest.raises(StoreError, match=r"not installed \(no module psycopg\); .*robogauntlet\[postgresql\]"):
+        Store.open("postgresql+psycopg://127.0.0.1:1/db", "run")
