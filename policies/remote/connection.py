@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, WebSocketException
-from websockets.frames import CloseCode
+from websockets.frames import Close, CloseCode
 from websockets.sync.client import ClientConnection, connect
 
 from robogauntlet.policies.contract import PolicyError, PolicyUnreachable
@@ -173,6 +173,8 @@ class ServerConnection:
         try:
             frame = connection.recv(timeout=max(0.0, deadline - time.monotonic()))
         except TimeoutError:
+            if ended := _unreadable(getattr(connection.protocol, "close_sent", None)):
+                raise ended from None
             raise PolicyError(
                 f"{self._server}: {expected}, got nothing in time; is it another kind of server?"
             ) from None
@@ -191,6 +193,8 @@ class ServerConnection:
             message = self._read(answer, "expected an answer")
             answered = True
         except TimeoutError:
+            if ended := _unreadable(getattr(connection.protocol, "close_sent", None)):
+                raise ended from None
             raise PolicyError(
                 f"{self._server}: expected an answer within {self._options.timeout_s:g} s, got none; "
                 "raise timeout_s or check the server"
@@ -207,6 +211,8 @@ class ServerConnection:
         if any(end.code == CloseCode.MESSAGE_TOO_BIG for end in ends):
             limit = "the server takes" if closed.rcvd else f"{MAX_FRAME_BYTES >> 20} MiB"
             return PolicyError(f"{self._server}: expected frames no larger than {limit}, got one; send smaller images")
+        if not closed.rcvd_then_sent and (unreadable := _unreadable(closed.sent)):
+            return unreadable
         return _Lost(f"it closed the connection: {ends[0]}" if ends else "it closed the connection")
 
     def _read(self, frame: str | bytes, expected: str) -> Mapping[str, Any]:
@@ -222,6 +228,13 @@ class ServerConnection:
         if not isinstance(message, dict):
             raise PolicyError(f"{self._server}: {expected}, a mapping, got {type(message).__name__}")
         return message
+
+
+def _unreadable(sent: Close | None) -> _Lost | None:
+    """What ended a connection that this side closed since it could not read a frame; the server may still be there."""
+    if sent is None or sent.code not in (CloseCode.PROTOCOL_ERROR, CloseCode.INVALID_DATA):
+        return None
+    return _Lost(f"it sent what is no frame of a websocket: {sent.reason or sent.code}")
 
 
 def packed(message: Mapping[str, Any]) -> bytes:

@@ -110,6 +110,22 @@ def test_a_hostile_greeting_is_one_line(metadata, match):
         harmless(address, match)
 
 
+@pytest.mark.parametrize("closes", [True, False])
+def test_frames_that_are_none_are_not_taken_for_silence(closes):
+    def crooked(connection, _=None):
+        if closes:
+            connection.socket.sendall(b"\xf0\x01x")
+            time.sleep(1)
+        with connection.protocol_mutex:  # it does not answer the end of the connection
+            connection.socket.sendall(b"\xf0\x01x")
+            time.sleep(1)
+
+    with speaking(answering(crooked)) as address:
+        policy = catalog.load("openpi", {"address": address, **LIMITS, "timeout_s": 0.5})
+        with one_line_error(PolicyError, "it sent what is no frame of a websocket: reserved bits must be 0"):
+            policy.act([query()])
+
+
 def test_a_flood_of_unasked_messages_waits_in_the_servers_memory():
     sent = []
 
