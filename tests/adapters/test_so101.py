@@ -15,6 +15,7 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies.baselines import ZeroPolicy
+from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import PolicyMismatch, check_tasks
 from robogauntlet.policies.oracles import OraclePolicy, so101
 from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
@@ -119,6 +120,15 @@ def test_an_environment_has_the_joints_limits():
         observation, _ = environment.reset(seed=1)
         assert observation["proprioception"].shape == environment.action_space.shape == (6,)
         assert environment.action_space.high[0] == pytest.approx(1.91986)
+
+
+@pytest.mark.simulator
+def test_no_skill_baselines_play_it(opened):
+    for policy, least, most in (("zero", 0.0, 0.01), ("random", 0.1, 9.0), ("untrained", 0.1, 9.0)):
+        episode = Episode(policy, policy, "so101/Stack", 0, Protocol(16, 8, opened.view))
+        row = rollout(opened, load(policy, {}), episode)
+        assert (row.steps, row.clipped_steps) == (16, 0)
+        assert least <= row.path_length < most
 
 
 def test_a_policy_that_moves_a_tool_is_refused_in_a_line():

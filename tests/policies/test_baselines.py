@@ -1,19 +1,16 @@
 """The no-skill baselines act in every task, within its bounds, and as ever where one arm's tool is moved."""
 
 import hashlib
-from contextlib import closing
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.catalog import open_simulation
 from robogauntlet.adapters.contract import ActionSpec, Joint, Observation
 from robogauntlet.adapters.motion import standing_still
-from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import digest, load
 from robogauntlet.policies.contract import PolicyMismatch, Query
-from robogauntlet.suites.episode import Episode, Protocol, View
+from robogauntlet.suites.episode import Episode, Protocol
 from tests.errors import one_line_error
 
 JOINTS = ActionSpec(0.0, 0.0, 20.0, joints=(Joint("first", -0.5, 2.0, 0.1), Joint("second", 1.0, 1.5, 0.1)))
@@ -70,13 +67,3 @@ def test_a_baseline_that_is_not_told_the_limits_of_joints_says_so_in_a_line(poli
     asked = query(JOINTS)
     with one_line_error(PolicyMismatch, "run the policy by name"):
         load(policy, {}).act([Query(asked.episode, 0, asked.observation if policy == "untrained" else None)])
-
-
-@pytest.mark.simulator
-def test_baselines_play_an_arm_with_targets_of_joints():
-    with closing(open_simulation("so101/Push", View(("third_person",), 24))) as simulation:
-        for policy, least, most in (("zero", 0.0, 0.01), ("random", 0.1, 9.0), ("untrained", 0.1, 9.0)):
-            episode = Episode(policy, policy, "so101/Push", 0, Protocol(16, 8, simulation.view))
-            row = rollout(simulation, load(policy, {}), episode)
-            assert (row.steps, row.clipped_steps) == (16, 0)
-            assert least <= row.path_length < most
