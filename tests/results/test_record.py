@@ -22,7 +22,7 @@ from robogauntlet.results.record import (
     outcome_text,
     rows_hash,
 )
-from robogauntlet.suites.episode import ProtocolName
+from robogauntlet.suites.episode import ProtocolName, SuccessRule
 from tests.results.synthetic import cells, row, rows
 
 EPISODE = cells()[0].episode(3)
@@ -43,7 +43,16 @@ def test_fields_are_outcome_or_telemetry_and_only_some_may_be_none():
     described = describe_fields()
     routing = {"inferred_task", "routing_scores", "unknown_score", "rejected"}
     answers = {"query_p50_s", "query_p95_s", "query_max_s"}
-    optional = {*routing, *answers, *BEHAVIOUR, "protocol", "delivered", "delivered_statistics", "error"}
+    optional = {
+        *routing,
+        *answers,
+        *BEHAVIOUR,
+        "protocol",
+        "success_rule",
+        "delivered",
+        "delivered_statistics",
+        "error",
+    }
     assert {name for name in FIELDS if described[name][1]} == optional
 
 
@@ -109,7 +118,7 @@ def test_rows_whose_behaviour_was_not_measured_keep_the_hash_that_version_1_gave
 def test_a_row_with_any_measured_behaviour_is_hashed_with_all_of_it(name):
     value = {str: "dropped", int: 0, float: -0.0}[describe_fields()[name][0]]
     found = outcome_row(dataclasses.replace(ROW, **{name: value}))
-    hashed = [field for field in OUTCOME if field != "protocol"]
+    hashed = [field for field in OUTCOME if field not in ("protocol", "success_rule")]
     assert len(found) == len(outcome_row(ROW)) + len(BEHAVIOUR) == len(hashed)
     assert str(found[hashed.index(name)]) in ("dropped", "0", "0.0")
 
@@ -118,6 +127,15 @@ def test_a_row_keeps_the_protocol_of_its_episode_and_is_hashed_with_it():
     protocol = dataclasses.replace(EPISODE.protocol, name=ProtocolName.OPENVLA)
     other = EpisodeResult.failed_to_run(dataclasses.replace(EPISODE, protocol=protocol), "")
     assert (other.protocol, ROW.protocol) == ("openvla", None)
+    assert other.episode.protocol == protocol
+    assert other.episode.id == other.episode_id != ROW.episode_id
+    assert len(outcome_row(other)) == len(outcome_row(ROW)) + 1
+
+
+def test_a_row_keeps_another_rule_than_its_protocols_own_and_is_hashed_with_it():
+    protocol = dataclasses.replace(EPISODE.protocol, success=SuccessRule.ONCE)
+    other = EpisodeResult.failed_to_run(dataclasses.replace(EPISODE, protocol=protocol), "")
+    assert (other.success_rule, ROW.success_rule) == ("once", None)
     assert other.episode.protocol == protocol
     assert other.episode.id == other.episode_id != ROW.episode_id
     assert len(outcome_row(other)) == len(outcome_row(ROW)) + 1

@@ -14,6 +14,7 @@ import sqlalchemy as sa
 from robogauntlet.results.record import FIELDS, outcome_row, rows_hash
 from robogauntlet.results.store.database import UnstorableValue, without_password
 from robogauntlet.results.store.episode_store import Store, StoreError, file_url
+from robogauntlet.results.store.schema import VERSION
 from tests.errors import one_line_error
 from tests.results.synthetic import cells, document, execute, row, rows, run_folder
 
@@ -150,12 +151,12 @@ def test_a_file_may_have_any_name(tmp_path, name):
     assert (tmp_path / name).is_file()
 
 
-@pytest.mark.parametrize("version", [0, 4, 99])
+@pytest.mark.parametrize("version", [0, VERSION + 1, 99])
 def test_a_store_of_another_version_is_refused_and_left_as_it_was(path, version):
     Store.open_file(path, "run-1").close()
     execute(path, f"UPDATE robogauntlet_schema SET version = {version}")
     before = path.read_bytes()
-    with pytest.raises(StoreError, match=f"expected a store of version 3, got version {version}; open it with"):
+    with pytest.raises(StoreError, match=f"expected a store of version {VERSION}, got version {version}; open it with"):
         Store.open_file(path, "run-1")
     assert path.read_bytes() == before
 
