@@ -35,7 +35,7 @@ from robogauntlet.policies.training.lerobot_format import (
     spec_of,
 )
 from robogauntlet.suites.episode import content_hash
-from robogauntlet.support.files import replacing
+from robogauntlet.support.files import read_regular, replacing
 from robogauntlet.support.interrupts import deferred_interrupts
 from robogauntlet.support.json_text import parse_json
 
@@ -229,7 +229,7 @@ class DatasetWriter:
     def _continue(self) -> None:
         path = self.folder / JOURNAL_FILE
         try:
-            document = parse_json(path.read_text(encoding="utf-8"))
+            document = parse_json(read_regular(path))
             stored = dict(document["source"])
             self._files, episodes = int(document["data_files"]), int(document["episodes"])
             self.attempts = [Attempt(**attempt) for attempt in document["attempts"]]
@@ -249,7 +249,7 @@ class DatasetWriter:
                 data = pq.ParquetFile(self.folder / DATA_FILE.format(chunk_index=chunk, file_index=file))
                 names = [field.name for field in data.schema_arrow if not pa.types.is_struct(field.type)]
                 self._numbers.append(data.read(names))
-            self.spec = spec_of(parse_json((self.folder / INFO_FILE).read_text(encoding="utf-8")))
+            self.spec = spec_of(parse_json(read_regular(self.folder / INFO_FILE)))
         except (OSError, OverflowError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
             raise DatasetError(f"{self.folder}: it cannot be continued: {type(error).__name__}: {error}") from None
         for row in self._rows:
