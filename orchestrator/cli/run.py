@@ -216,9 +216,9 @@ def _print_numbers(outcome: RunOutcome) -> None:
         print_summary(outcome.report)
     for warning in outcome.warnings:
         fail(warning)
-    out.print(
-        f"{outcome.done:,} of {counted(document.planned, 'episode')} in {format_duration(document.elapsed_s)}", end=""
-    )
+    planned, duration = counted(document.planned, "episode"), format_duration(document.elapsed_s)
+    unread = f"the rows cannot be read; {planned} planned, played for {duration}"
+    out.print(unread if outcome.done is None else f"{outcome.done:,} of {planned} in {duration}", end="")
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
     print_line(f"report: {outcome.folder / 'report.html'}")
 

@@ -84,8 +84,8 @@ class RunOutcome:
 
     folder: Path
     document: RunDocument
-    done: int
-    """Rows in the store."""
+    done: int | None
+    """Rows in the store; None if it cannot be read."""
     report: Report | None
     """None if it could not be written."""
     warnings: list[str] = field(default_factory=list)
@@ -252,12 +252,15 @@ class RunSession:
 
     def conclude(self) -> RunOutcome:
         """Write the document and the report of what was played."""
-        done, digest, played = 0, None, True
-        with contextlib.suppress(StoreError):
+        done, digest, played = None, None, True
+        try:
             counts = self._store.status_counts()
             done, played = sum(counts.values()), any(status != Status.ERROR for _, status in counts)
             digest = rows_hash(map(outcome_row, self._store.results()))
-        missing = self._document.planned - done
+        except StoreError as error:
+            if self._status is RunStatus.COMPLETE:
+                self._status, self._reason = RunStatus.STOPPED, first_line(error)
+        missing = 0 if done is None else self._document.planned - done
         if self._status is RunStatus.COMPLETE and missing > 0 and not self._observer.skipped_simulators:
             self._status, self._reason = RunStatus.STOPPED, f"{counted(missing, 'episode')} missing"
         if self._status is RunStatus.COMPLETE and not played:
@@ -359,7 +362,7 @@ class RunSession:
             record_media(self._folder, pending, self._sources(), on_recorded, environments, left_s)
         return True
 
-    def _write(self, done: int) -> RunOutcome:
+    def _write(self, done: int | None) -> RunOutcome:
         """Write the document and the report."""
         from robogauntlet.results.report import write_report
 

@@ -22,7 +22,7 @@ from robogauntlet.policies.baselines import UntrainedPolicy
 from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RunError, RunStatus, read_run, write_run
-from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.loading import SuiteError
 from tests.orchestrator.runs.playing import SUITE, Run
 
@@ -251,6 +251,20 @@ def test_a_run_document_that_is_broken_is_refused(finished, suite):
     (finished.folder / "run.json").write_text('{"format": 1}')
     with pytest.raises(RunError, match=r"run\.json: expected a run document of format 1"):
         finished(suite())
+
+
+def test_rows_that_cannot_be_read_at_the_end_are_not_counted_as_none(finished, suite, monkeypatch):
+    answers = [{("null", "success"): 40}]  # at the beginning
+
+    def counts(store):
+        if not answers:
+            raise StoreError("db: server closed the connection")
+        return answers.pop()
+
+    monkeypatch.setattr(Store, "status_counts", counts)
+    outcome = finished(suite())
+    assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, None)
+    assert outcome.document.reason == "db: server closed the connection"
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path, suite):
