@@ -80,9 +80,12 @@ class _Place:
             candidates.append(Path(spec.origin))
         origin = next((path for path in candidates if path.is_file() and path.suffix == ".py"), None)
         if origin is None:
+            file = self.module.removesuffix(".py")
+            is_file = file != self.module and self.folder.joinpath(f"{file}.py").is_file()
+            remedy = f"write {file}:{self.name}, without .py" if is_file else "give its folder by option folder"
             raise PolicyError(
                 f"policy '{self.text}': expected a module '{self.module}' in '{self.folder}' or installed, found none; "
-                "give its folder by option folder"
+                f"{remedy}"
             )
         return origin.resolve()
 

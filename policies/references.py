@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 from robogauntlet.policies import catalog, zoo
@@ -12,6 +14,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, r
 from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, policy_entry, valid_name
+from robogauntlet.suites.selection import SETTINGS, option_of
 from robogauntlet.suites.yaml_file import YamlError, parse_yaml
 from robogauntlet.support.errors import BadInput
 
@@ -42,8 +45,9 @@ def with_options(entries: Sequence[PolicyEntry], options: Mapping[str, Any]) -> 
     for name in options:
         if not any(name in own for own in known.values()):
             every = dict.fromkeys(option for own in known.values() for option in own)
+            hint = f"; it is a key of suites: {option_of(name)}" if name in SETTINGS else did_you_mean(name, every)
             kinds = "', '".join(known)
-            raise BadInput(f"policy '{kinds}' has no option '{name}'{did_you_mean(name, every)}")
+            raise BadInput(f"policy '{kinds}' has no option '{name}'{hint}")
     return [
         entry.model_copy(
             update={
@@ -80,4 +84,17 @@ def _checkpoint(reference: str) -> tuple[str, Mapping[str, Any]]:
         return (MERGED_NAME if merged else "mergevla"), {"checkpoint": reference}
     if any(folder.glob(f"*/{METADATA_FILE}")):
         return EXPERTS_NAME, {"folder": reference}
-    raise BadInput(f"expected {FORMS}; got '{reference}'{did_you_mean(reference, catalog.kinds())}")
+    raise BadInput(f"expected {FORMS}; got '{reference}'{_meant(reference, folder)}")
+
+
+def _meant(reference: str, folder: Path) -> str:
+    """The end of a message about a text that names no policy: what it may have meant."""
+    scheme, separator, rest = reference.partition("://")
+    if separator and scheme in ("http", "https"):
+        return f"; did you mean 'openpi://{rest}'?"
+    if (folder / "config.json").is_file() or (reference.startswith("lerobot/") and not folder.exists()):
+        return f"; did you mean 'lerobot:{reference}'?"
+    if folder.is_dir():
+        return f", a folder without a checkpoint: neither {METADATA_FILE} nor LeRobot's config.json is in it"
+    near = get_close_matches(reference, catalog.kinds(), n=1, cutoff=0.7)
+    return f"; did you mean '{near[0]}'?" if near else ""

@@ -89,7 +89,8 @@ class Plugins(Mapping[str, Plugin]):
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: `; did you mean 'X'?`, or the known names."""
     known = sorted(known)
-    near = get_close_matches(name, known, n=1, cutoff=0.5) or [k for k in known if k.split("/")[-1].startswith(name)]
+    near = [k for k in known if "/" in name and k.startswith(f"{name}-")] or get_close_matches(name, known, 1, 0.5)
+    near = near or [k for k in known if k.split("/")[-1].startswith(name)]
     if near:
         return f"; did you mean '{near[0]}'?"
     room = accumulate(len(name) + 2 for name in known)

@@ -69,6 +69,8 @@ def policy_entry(text: str) -> dict[str, Any]:
     Examples: `oracle`, `openpi://HOST:PORT`, `python:module:Name`.
     """
     kind, colon, rest = text.partition(":")
+    if kind in ("ws", "wss") and rest.startswith("//"):
+        kind, rest = "openpi", text
     if not colon or kind not in SHORT_FORMS or not rest:
         return {"name": text, "kind": text}
     value = text if rest.startswith("//") else rest

@@ -104,7 +104,9 @@ def _supporting_tasks(simulator: Simulator, axis: Axis) -> list[str]:
 
 def _find(name: str) -> Axis:
     if name not in AXES:
-        raise BadInput(f"unknown axis '{name}'{did_you_mean(name, AXES)}")
+        of_part = [axis.name for axis in AXES.values() if name.startswith(str(axis.changes).removesuffix("s"))]
+        meant = f"; did you mean one of {', '.join(of_part)}?" if of_part else did_you_mean(name, AXES)
+        raise BadInput(f"unknown axis '{name}'{meant}")
     return AXES[name]
 
 

@@ -18,6 +18,8 @@ from robogauntlet.support.errors import plain_words
 
 WHOLE = re.compile(r"[+-]?[0-9]+")
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+MEANT = {"--episodes": "--seeds", "--policies": "--policy", "--tasks": "--task"}
+"""Option that there is not to the one that is meant."""
 CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff\u2028\u2029]")
 
 
@@ -26,12 +28,26 @@ def check_parameters(command: Any) -> Any:
     for below in getattr(command, "commands", {}).values():
         check_parameters(below)
     kinds = typing.get_type_hints(inspect.unwrap(command.callback)) if command.callback else {}
+    command.parse_args = partial(_parse, command, command.parse_args)
     for parameter in command.params:
         kind = kinds.get(parameter.name, str)  # --help is none of the function's
         while arguments := typing.get_args(kind):  # those of `int | None` and `list[Path]`
             kind = arguments[0]
         parameter.process_value = partial(_check_and_process, parameter, parameter.process_value, kind)
     return command
+
+
+def _parse(command: Any, parse: Callable[..., Any], context: Any, arguments: list[str]) -> Any:
+    """Parse a command line, and name the option that is meant by one that there is not."""
+    try:
+        return parse(context, arguments)
+    except typer.BadParameter:
+        raise
+    except Exception as error:
+        meant = MEANT.get(getattr(error, "option_name", ""))
+        if meant is not None and any(meant in parameter.opts for parameter in command.params):
+            error.possibilities = [meant]  # type: ignore[attr-defined]
+        raise
 
 
 def problem(kind: type, value: str) -> str | None:
@@ -87,6 +103,8 @@ def _through_folders_that_exist(path: Path) -> Path:
 def _in_our_words(message: str, value: Any) -> str:
     """Return a message of typer about a value, which does not say what was given, as those of `problem` say it."""
     text = plain_words(message).rstrip(".")
+    if not text:
+        return ""  # what is missing is said by whoever shows the message
     if "Input should be" not in text:
         return f"{text}."
     expected = text.replace("Input should be a ", "expected a ").replace("Input should be", "expected a value")

@@ -84,7 +84,7 @@ def plan(
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()), settings)
     planned = make_plan(find_suite(suite), part=part, require_installed=False, start=check)
     if planned.suite.needs is not None:
-        raise BadInput(needs_policy(planned.path))
+        raise BadInput(needs_policy(planned.path, part.policies))
     done: Outcomes = {}
     if out_folder is not None and out_folder.is_file():
         raise BadInput(f"{out_folder}: expected a run folder, this is a file")

@@ -35,7 +35,7 @@ from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.episodes.policy_source import given_variables
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
 from robogauntlet.orchestrator.runs.composition import compose_plan, new_run_folder
-from robogauntlet.orchestrator.runs.plan import find_suite, fitted, make_plan
+from robogauntlet.orchestrator.runs.plan import check_same, find_suite, fitted, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.runs.trust import require_trust
@@ -149,6 +149,7 @@ def run(
             "--condition: expected --policy and --task instead of a suite file, which lists its own conditions"
         )
     else:
+        _refuse_run_folder(suite)
         part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, policy_options, settings)
         plan = make_plan(find_suite(suite), part=part, only=required)
         folder = out_folder or new_run_folder(plan.suite.name)
@@ -160,6 +161,8 @@ def run(
             check_address(address)
         except NoCluster as error:
             raise BadInput(f"--address {address}: {error}") from None
+    if (folder / RUN_FILE).exists():
+        check_same(plan, read_run(folder), folder)
     print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} into {folder}")
     for line in (*fitted(plan), *given_variables(plan.sources)):
         print_line(line)
@@ -186,6 +189,16 @@ def run(
     if outcome.logged is not None:
         print_line(f"logged: {outcome.logged}")
     _conclude(outcome, command, command + {None: "", True: " --media", False: " --no-media"}[media])
+
+
+def _refuse_run_folder(suite: str) -> None:
+    """Refuse a run folder in place of a suite, with the command that continues the run."""
+    folder = Path(suite)
+    if folder.is_dir() and (folder / RUN_FILE).exists():
+        document = read_run(folder)
+        command = document.command if document.origin == "local" else None
+        command = command or shlex.join(["robogauntlet", "run", document.suite_path, "--out", suite])
+        raise BadInput(f"{suite}: expected a suite file, this is a run folder; to continue its run: {command}")
 
 
 def _is_task(text: str) -> bool:

@@ -133,8 +133,9 @@ def _options(
 def run_command() -> None:
     """Carry out the command line of this process; see `main`."""
     _tracebacks.clear()
+    asks_for_help = sys.argv[1:2] == ["help"]  # `help run` for `run --help`
     try:
-        app()
+        app(args=[*sys.argv[2:], "--help"] if asks_for_help else None)
     except Exception as error:
         from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, INPUT_ERRORS, fail
 

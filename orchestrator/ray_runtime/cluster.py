@@ -22,7 +22,9 @@ CONNECT_S = 10.0
 """Time for the head to answer before a run starts (s)."""
 PROBE_S = 2.0
 """Time between two checks of the head, and for its answer (s)."""
-REFUSED = 7
+ASK_S = 20.0
+"""Time for another process to import Ray and have an answer of the head (s)."""
+REFUSED, NO_HEAD = 7, 8
 _ASK = f"""
 import sys
 from ray.exceptions import AuthenticationError
@@ -31,9 +33,16 @@ try:
 except ImportError:  # a private name; Ray then says itself whether it can join
     sys.exit(0)
 try:
-    GcsClient(address=sys.argv[1])
+    if sys.argv[1] == "auto":
+        import ray
+
+        ray.init("auto", log_to_driver=False, logging_level="ERROR")
+    else:
+        GcsClient(address=sys.argv[1])
 except AuthenticationError:
     sys.exit({REFUSED})
+except Exception:
+    sys.exit({NO_HEAD})
 """
 SILENCE_S = 20.0
 """Silence after which the head counts as dead (s). After 60 s Ray would end this process without a message of ours."""
@@ -50,6 +59,8 @@ def check_address(address: str) -> None:
         NoCluster: The address is invalid or does not answer.
     """
     if address == "auto":
+        if _ask(address) == NO_HEAD:
+            raise NoCluster("expected a Ray cluster that runs on this machine, found none; give HOST:PORT of its head")
         return
     host, _, port = address.rpartition(":")
     is_plain = ":" not in host or host.startswith("[")  # an address of IPv6 is in brackets
@@ -57,21 +68,26 @@ def check_address(address: str) -> None:
         raise NoCluster(f"expected HOST:PORT of a Ray cluster's head, such as 10.0.0.7:{RAY_PORT}, or auto")
     if (why := _connect(host.strip("[]"), int(port), CONNECT_S)) is not None:
         raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}")
-    if _refuses_token(address):
+    answer = _ask(address)
+    if answer == NO_HEAD:
+        raise NoCluster("expected the head of a Ray cluster, what answers there is none")
+    if answer == REFUSED:
         raise NoCluster(
             "expected the token of this Ray cluster, it refuses that of this process; set RAY_AUTH_MODE=token and "
             "RAY_AUTH_TOKEN"
         )
 
 
-def _refuses_token(address: str) -> bool:
-    """Whether the head refuses the token of this process. Another process asks, as Ray logs the answer."""
+def _ask(address: str) -> int:
+    """Return `REFUSED` if the head refuses the token of this process, `NO_HEAD` if nothing answers as a head does.
+
+    Another process asks, as Ray logs the answer and waits for long.
+    """
     asked, environment = [sys.executable, "-P", "-c", _ASK, address], without_secrets(os.environ)
     try:
-        done = subprocess.run(asked, capture_output=True, timeout=CONNECT_S, env=environment, check=False)
-        return done.returncode == REFUSED
+        return subprocess.run(asked, capture_output=True, timeout=ASK_S, env=environment, check=False).returncode
     except subprocess.TimeoutExpired:
-        return False
+        return NO_HEAD
 
 
 def _connect(host: str, port: int, timeout_s: float) -> str | None:

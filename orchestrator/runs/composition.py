@@ -21,6 +21,7 @@ from robogauntlet.support.errors import BadInput
 
 SUITE_FILE = "suite.yaml"
 """The suite in the folder of a run without a suite file."""
+MOST_SEVERE = 5
 SEEDS = 20
 """Number of seeds, if none is given and the tasks have as many stored states, or store none."""
 RUNS = Path("runs")
@@ -117,4 +118,7 @@ def _suite_name(tasks: Sequence[str], prefix: str) -> str:
 def _conditions(texts: Sequence[str]) -> list[Any]:
     """The entries of a suite. An unknown axis is left to the suite's own checks."""
     named = [read_axis(text) for text in texts if text != CLEAN]
+    for text, (_, severities) in zip([text for text in texts if text != CLEAN], named, strict=True):
+        if beyond := [severity for severity in severities if severity > MOST_SEVERE]:
+            raise BadInput(f"condition {text}: expected a severity from 0.01 to {MOST_SEVERE}, got {beyond[0]:g}")
     return [CLEAN, *({"axis": axis, "severities": list(severities)} for axis, severities in named)]

@@ -6,6 +6,7 @@ from array import array
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 
 from robogauntlet import suites
@@ -109,8 +110,11 @@ def find_suite(name: str) -> Path:
         return path
     shipped = {file.stem: file for file in SHIPPED.glob("*.yaml")}
     if name not in shipped:
-        message = f"no such file, and no shipped suite of that name{did_you_mean(name, shipped)}"
-        raise SuiteError([Problem(name, None, message)])
+        files = {file.stem: str(file) for file in sorted(path.parent.glob("*.y*ml"))}
+        near = get_close_matches(path.name, [*files, *shipped], n=1, cutoff=0.6)
+        meant = files.get(near[0], near[0]) if near else None
+        hint = did_you_mean(name, shipped) if meant is None else f"; did you mean '{meant}'?"
+        raise SuiteError([Problem(name, None, f"no such file, and no shipped suite of that name{hint}")])
     return shipped[name]
 
 
@@ -190,7 +194,7 @@ def make_plan(
         raise PlanError(f"{path}: {error}") from None
     whole, part = add_policies(loaded, part, path)
     if require_installed and whole.needs is not None:
-        raise PlanError(needs_policy(path))
+        raise PlanError(needs_policy(path, part.policies))
     try:
         suite = part.apply_to(whole)
     except SelectionError as error:

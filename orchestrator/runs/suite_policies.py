@@ -68,9 +68,11 @@ class SuitePolicies:
         return [problem_at(path, lines.get(name), message) for name, message in self.mistakes]
 
 
-def needs_policy(path: Path) -> str:
-    """The message for a suite that is used without the policy that it needs."""
-    return f"{path}: the suite needs a policy; add --policy with {FORMS}"
+def needs_policy(path: Path, given: Sequence[str] = ()) -> str:
+    """The message for a suite that is used without the policy that it needs, or with `given` that it has already."""
+    named = "', '".join(given)
+    own = f"'{named}' is its gate or baseline already, name another policy: " if given else ""
+    return f"{path}: {own}the suite needs a policy; add --policy with {FORMS}"
 
 
 def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite, SuiteSelection]:

@@ -122,8 +122,29 @@ SETTINGS = (
     ),
     ("run --policy random --task null/Reach --workers 0", "--workers: expected auto, or a number from 1 to 10000"),
 )
+MISUNDERSTOOD = (
+    (
+        "run why --policy oracle",
+        "'oracle' is its gate or baseline already, name another policy: the suite needs a policy",
+    ),
+    (
+        "plan why --policy oracle",
+        "'oracle' is its gate or baseline already, name another policy: the suite needs a policy",
+    ),
+    ("run --policy random --task libero/spatial-0", "unknown task 'libero/spatial-0'; did you mean 'libero/spatial-0-"),
+    ("run suiet", "no such file, and no shipped suite of that name; did you mean 'suite.yaml'?"),
+    (
+        "run runs/monday",
+        "this is a run folder; to continue its run: robogauntlet run suites/synthetic.yaml --out runs/monday",
+    ),
+    ("run --policy oracle --task null/Reach --option image_size=224", "it is a key of suites: --image-size"),
+    ("axes show lighting", "unknown axis 'lighting'; did you mean one of illuminance, light-direction, "),
+    ("run suite.yaml --episodes 10", "No such option: --episodes (Possible options: --seeds)"),
+    ("list --policies", "No such option: --policies (Possible options: --policy)"),
+)
+"""What is typed for something else, with what is meant."""
 MISSING = (
-    ("plan", "Missing argument 'suite'"),
+    ("plan", "Error: Missing argument 'suite'."),
     ("validate", "Missing argument 'suites'"),
     ("replay", "expected an episode's id, or --policy, --task and --seed; got no id and no"),
     ("compare", "Missing argument 'RUN[:A]'"),
@@ -224,7 +245,7 @@ CASES = [
     *(Case(f"{command} {option}=two", "'two' is not a valid integer") for command, option in UNRANGED),
     *(Case(f"{command} nope", f"'nope' is not one of {first}") for command, first in CHOICES),
     *(Case(command.format(text), says) for command, (text, says) in product(TEXTS, WRONG_TEXTS.items())),
-    *table(*SETTINGS, *ONCE, *MISSING, *UNKNOWN),
+    *table(*SETTINGS, *MISUNDERSTOOD, *ONCE, *MISSING, *UNKNOWN),
     LIST_OF_CHOICES,
     *(Case(typed, "No such option") for typed in MISSPELT),
 ]

@@ -190,7 +190,7 @@ RUNS = [
         Case(f"run --policy random --task null/Reach --condition {condition}", says)
         for condition, says in {
             "nois": "unknown condition 'nois'; did you mean 'noise'?",
-            "noise@9": "expected a value less than or equal to 5, found 9",
+            "noise@9": "condition noise@9: expected a severity from 0.01 to 5, got 9",
             "noise:2": "condition 'noise:2': expected noise@2",
             "noise=2": "condition 'noise=2': expected noise@2",
             "noise@1.001": "condition 'noise@1.001': expected a severity in hundredths, such as 1, got 1.001",

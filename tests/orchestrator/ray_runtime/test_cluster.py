@@ -14,6 +14,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime import cluster
 from robogauntlet.orchestrator.ray_runtime.cluster import ClusterHead, NoCluster, Placement, check_address, placed_on
+from tests.remote_servers import answering, speaking
 
 
 class Clock:
@@ -68,6 +69,28 @@ def test_a_head_that_has_just_answered_is_not_asked_again(listening, monkeypatch
 def test_an_address_that_is_none_is_refused(address):
     with pytest.raises(NoCluster, match="expected HOST:PORT"):
         check_address(address)
+
+
+def test_what_answers_at_an_address_and_is_no_head_is_refused(monkeypatch):
+    monkeypatch.setattr(cluster, "ASK_S", 0.5)
+    with speaking(answering({})) as address, pytest.raises(NoCluster, match="what answers there is none"):
+        check_address(address.removeprefix("ws://"))
+
+
+@pytest.mark.parametrize(
+    ("address", "says"), [("auto", "that runs on this machine, found none"), ("{}", "what answers there is none")]
+)
+def test_a_command_without_its_cluster_is_one_line_and_leaves_no_folder(
+    tmp_path, run_command, monkeypatch, listening, address, says
+):
+    monkeypatch.setattr(cluster, "_ask", lambda address: cluster.NO_HEAD)
+    (tmp_path / "suite.yaml").write_text("name: s\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 1}\n")
+    address = address.format(f"127.0.0.1:{listening.getsockname()[1]}")
+    for out in ((), ("--out", "run")):
+        refusal = run_command("run", "suite.yaml", *out, "--address", address).refusal
+        assert refusal.startswith(f"--address {address}: expected ")
+        assert says in refusal
+    assert [path.name for path in tmp_path.iterdir()] == ["suite.yaml"]
 
 
 @pytest.fixture
