@@ -8,9 +8,11 @@ from importlib.metadata import PackageNotFoundError, metadata
 from importlib.util import find_spec
 
 from robogauntlet.adapters.contract import (
+    ActionSpec,
     AdapterError,
     Body,
     Goal,
+    Joint,
     Simulation,
     Simulator,
     SimulatorUnavailable,
@@ -73,6 +75,13 @@ def body_of(task: str) -> Body:
     """Return what acts in `simulator/task`; an arm whose tool is moved if there is no such task."""
     description = task_descriptions().get(task)
     return description.body if description else Body()
+
+
+def stand_in_spec(task: str) -> ActionSpec:
+    """Return an action's numbers in `simulator/task`, with bounds of 1, where the task is not open."""
+    body = body_of(task)
+    joints = tuple(Joint(name, -1.0, 1.0, 1.0) for name in body.joints)
+    return ActionSpec(1.0, 1.0, 1.0, arms=body.arms, joints=joints)
 
 
 def find(simulator: str) -> Simulator:

@@ -13,7 +13,7 @@ import numpy as np
 import ray
 from ray.exceptions import RayError
 
-from robogauntlet.adapters.catalog import body_of
+from robogauntlet.adapters.catalog import stand_in_spec
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy, resolve_locally
 from robogauntlet.orchestrator.inference.batcher import Batcher
@@ -227,6 +227,6 @@ def measure_answer_times(
 def _black_queries(cell: Cell, count: int) -> list[Query]:
     view = cell.protocol.view
     images = {camera: np.zeros((view.image_size, view.image_size, 3), np.uint8) for camera in view.cameras}
-    body = body_of(cell.task)
-    observation = Observation(images, np.zeros(body.proprioception_dim), "", bool(body.joints))
-    return [Query(cell.episode(seed), 0, observation) for seed in range(count)]
+    spec = stand_in_spec(cell.task)
+    observation = Observation(images, np.zeros(spec.body.proprioception_dim), "", bool(spec.joints))
+    return [Query(cell.episode(seed), 0, observation, action_spec=spec) for seed in range(count)]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeGuard
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import ActionSpec, Joint, ObservationSpec, TaskDescription
+from robogauntlet.adapters.contract import ObservationSpec, TaskDescription
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.planned_policy import PlannedPolicy
@@ -308,8 +308,5 @@ def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:
 
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:
-    body = simulators.body_of(suite.tasks[0])
-    joints = tuple(Joint(name, -1.0, 1.0, 1.0) for name in body.joints)
-    actions = ActionSpec(1.0, 1.0, 1.0, arms=body.arms, joints=joints)
-    check_fit(spec, actions, ObservationSpec(suite.cameras, suite.image_size))
+    check_fit(spec, simulators.stand_in_spec(suite.tasks[0]), ObservationSpec(suite.cameras, suite.image_size))
     check_tasks(spec, suite.tasks)

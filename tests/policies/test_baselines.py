@@ -8,9 +8,10 @@ import pytest
 
 from robogauntlet.adapters.contract import ActionSpec, Joint, Observation
 from robogauntlet.adapters.motion import standing_still
+from robogauntlet.orchestrator.inference.ray_policy_server import _black_queries
 from robogauntlet.policies.catalog import digest, load
 from robogauntlet.policies.contract import PolicyMismatch, Query
-from robogauntlet.suites.episode import Episode, Protocol
+from robogauntlet.suites.episode import Cell, Episode, Protocol
 from tests.errors import one_line_error
 
 JOINTS = ActionSpec(0.0, 0.0, 20.0, joints=(Joint("first", -0.5, 2.0, 0.1), Joint("second", 1.0, 1.5, 0.1)))
@@ -48,6 +49,13 @@ def test_actions_are_the_same_as_long_as_the_digest_is(policy, body):
     (decision,) = load(policy, {}).act([query(BODIES[body])])
     assert digest(policy, {}) == DIGESTS[policy]
     assert hashlib.sha256((np.round(decision.actions, 6) + 0.0).tobytes()).hexdigest()[:16] == ACTIONS[policy, body]
+
+
+@pytest.mark.parametrize(("task", "numbers"), [("so101/Push", 6), ("robosuite/TwoArmLift@TwoPandas", 14)])
+def test_a_served_baseline_answers_when_its_time_is_measured(task, numbers):
+    cell = Cell("untrained", "untrained", task, Protocol(40, 8))
+    (decision,) = load("untrained", {}).act(_black_queries(cell, 1))
+    assert decision.actions.shape == (8, numbers)
 
 
 @pytest.mark.parametrize("policy", ["random", "untrained"])
