@@ -5,6 +5,7 @@ import sqlite3
 import pytest
 
 from robogauntlet.results.run_document import RunStatus
+from robogauntlet.results.store.schema import VERSION
 from tests.orchestrator.cli.test_compare import bad, good, save
 from tests.results.synthetic import cells, document, row, run_folder
 
@@ -154,7 +155,7 @@ def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs
         connection.execute("UPDATE robogauntlet_schema SET version = 99")
     connection.close()
     before = (runs / "history.sqlite").read_bytes()
-    assert "expected a store of version 3, got version 99" in run_command("history").refusal
+    assert f"expected a store of version {VERSION}, got version 99" in run_command("history").refusal
     assert (runs / "history.sqlite").read_bytes() == before
 
 
