@@ -76,3 +76,23 @@ def test_of_several_policies_an_option_goes_to_those_whose_kind_has_it():
     server, oracle = with_options([read_reference("openpi://h:1"), read_reference("oracle")], {"image_size": 224})
     assert server.options["image_size"] == 224
     assert oracle.options == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "ends"),
+    [
+        ("nope", "got 'nope'"),
+        ("randm", "got 'randm'; did you mean 'random'?"),
+        ("https://gpu-box:8000", "got 'https://gpu-box:8000'; did you mean 'openpi://gpu-box:8000'?"),
+    ],
+)
+def test_a_suggestion_is_what_is_alike_or_nothing(text, ends):
+    with pytest.raises(BadInput) as refused:
+        read_reference(text)
+    assert str(refused.value).endswith(ends)
+
+
+@pytest.mark.parametrize("address", ["ws://gpu-box:8000", "wss://gpu-box"])
+def test_the_address_of_a_websocket_is_a_policy_server(address):
+    entry = read_reference(address)
+    assert (entry.kind, entry.options) == ("openpi", {"address": address})

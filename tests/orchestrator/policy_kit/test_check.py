@@ -12,6 +12,7 @@ from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
 from tests.errors import one_line_error
+from tests.remote_servers import answering, speaking
 
 TOWARDS = """
 import numpy as np
@@ -247,3 +248,14 @@ def test_a_turned_image_changes_the_answers_of_a_policy_that_looks(check):
     results = check(function("0.0002 * images['third_person'][:48].mean()"), "pybullet/PandaReach-v3")
     upside_down = next(f for f in found(results, "input") if f.text.startswith("images upside down"))
     assert "the actions change by" in upside_down.text
+
+
+def test_frames_have_the_size_that_the_policy_asks_for_and_smaller_ones_are_warned_of():
+    with speaking(answering({"actions": np.zeros((16, 7))}, metadata={})) as address:
+        options = {"address": address, "image_size": 48, "execute": 16}
+        asked, smaller = checked("openpi", options), checked("openpi", options, image_size=32)
+    assert [finding.level for finding in found(asked, "images")] == [Level.NOTE]
+    assert [finding.text for finding in found(smaller, "images") if finding.level is Level.WARNING] == [
+        "frames are rendered at 32 px and enlarged to 48; leave --image-size out"
+    ]
+    assert "all executed" in " ".join(finding.text for finding in asked if isinstance(finding, Finding))
