@@ -27,8 +27,10 @@ LARGEST = 256 * 2**20
 LONGEST_SUITE = 4_000_000
 """Largest length of a suite, as its text and as JSON (characters)."""
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
-Time = Annotated[float, Field(ge=0, le=7_258_118_400, allow_inf_nan=False)]
-"""Seconds since 1970, UTC, up to the year 2200."""
+LATEST = 7_258_118_400
+"""The year 2200, in seconds since 1970, UTC."""
+Time = Annotated[float, Field(ge=0, le=LATEST, allow_inf_nan=False)]
+"""Seconds since 1970, UTC, up to `LATEST`."""
 Duration = Annotated[float, Field(ge=0, le=1e10, allow_inf_nan=False)]
 """Seconds."""
 

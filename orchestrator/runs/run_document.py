@@ -17,6 +17,7 @@ from robogauntlet.orchestrator.runs.suite_policies import PlanError
 from robogauntlet.results.analysis.comparison import OWN
 from robogauntlet.results.run_document import (
     EVERYWHERE,
+    LATEST,
     RUN_FILE,
     Provenance,
     RunDocument,
@@ -33,7 +34,7 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
     """Return the document of a new run, or of the run in `folder`, which is continued; for `store` see `RunOptions`.
 
     Raises:
-        PlanError: The folder holds another run.
+        PlanError: The folder holds another run, or the machine's clock is before 1970 or after 2200.
         StoreError: `store` is not the URL of a store.
     """
     available = [name for name in plan.simulators if name not in plan.unavailable]
@@ -55,6 +56,8 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
             "provenance": _continued_provenance(plan, document, folder),
         }
         return document.model_copy(update=changes)
+    if not 0 <= (now := time.time()) <= LATEST:
+        raise PlanError(f"expected a clock between the years 1970 and 2200, this machine's is at {now:.0f} s; set it")
     cards = simulators.task_descriptions()
     return RunDocument(
         run_id=uuid.uuid4().hex,
@@ -63,7 +66,7 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
         suite_text=plan.text,
         suite_path=str(plan.path),
         store_url=None if store is None else without_password(store),
-        started_at=time.time(),
+        started_at=now,
         plan=plan.planned_cells(),
         unsupported=plan.unsupported,
         tasks_left_out=plan.left_out,

@@ -19,7 +19,8 @@ DEFINITIONS = {
     "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps (or for a "
     "single one, where the first lines say so) within the horizon; otherwise the episode is a failure. Success once "
     "requires a single step in any run.",
-    "rate": "Successes / (successes + failures).",
+    "rate": "The share of successes among the episodes that were played, successes / (successes + failures); errors "
+    "do not count.",
     "interval": "95 % Wilson interval, in brackets after the rate: 19 of 20 such intervals contain the true rate.",
     "pooled": "Rates over several tasks weigh every episode equally; the mean of tasks weighs every task equally.",
     "error": "An episode that could not be played. It is neither a success nor a failure and is excluded from rates.",

@@ -24,6 +24,7 @@ from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RunError, RunStatus, read_run, write_run
 from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.loading import SuiteError
+from tests.errors import one_line_error
 from tests.orchestrator.runs.playing import SUITE, Run
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
@@ -333,6 +334,15 @@ def test_unavailable_resources_stop_the_run_before_the_first_episode(run, suite,
     outcome = run(suite(**asked))
     assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, 0)
     assert outcome.document.reason.startswith(f"{key}: expected at most what one node has, ")
+
+
+@pytest.mark.parametrize("moment", [-1.0, 9e9])
+def test_a_clock_of_another_century_is_one_line(run, suite, monkeypatch, moment):
+    clock = SimpleNamespace(time=lambda: moment, monotonic=time.monotonic)
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run_document.time", clock)
+    with one_line_error(PlanError, "expected a clock between the years 1970 and 2200"):
+        run(suite())
+    assert not (run.folder / "run.json").exists()
 
 
 def test_a_clock_that_is_set_back_does_not_shorten_a_run(run, suite, monkeypatch):
