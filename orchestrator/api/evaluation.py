@@ -73,7 +73,8 @@ def evaluate(
         identity: What identifies the content of an object, such as the name or hash of its checkpoint. By default it is
             the source of a function that uses nothing but its parameters and installed modules. Any other object counts
             as a new policy at each call, so that its run cannot be continued.
-        media: Record videos after the episodes: all (True), what fits into a fifth of the playing time (None), or none.
+        media: Record videos after the episodes: all (True), none (False), or a failure of each policy and what fits
+            into a fifth of the playing time (None).
         log: An experiment tracker, `wandb` or `mlflow`, that receives progress, results and videos.
         log_project: Project of W&B, experiment of MLflow.
         quiet: Print no progress.

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.support.errors import UserError, describe
-from robogauntlet.support.secret_variables import without_secrets
+from robogauntlet.support.secret_variables import playing_variables
 
 Result = TypeVar("Result")
 
@@ -31,7 +31,7 @@ def run_apart(function: Callable[..., Result], *arguments: Any) -> Result:
     """
     context = get_context("spawn")
     receiving, sending = context.Pipe(duplex=False)
-    environment = without_secrets(os.environ)
+    environment = playing_variables(os.environ)
     process = context.Process(target=_answer, args=(sending, environment, function, arguments))
     process.start()
     sending.close()

@@ -24,7 +24,7 @@ from robogauntlet.orchestrator.ray_runtime.parts import (
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
 from robogauntlet.support.interrupts import deferred_interrupts
-from robogauntlet.support.secret_variables import SECRETS, is_policy_token, without_secrets
+from robogauntlet.support.secret_variables import SECRETS, playing_variables
 
 _LOCAL_ENVIRONMENT: dict[str, str | None] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
@@ -129,8 +129,7 @@ def _environment(variables: Mapping[str, str | None]) -> Iterator[None]:
 
 def _hidden() -> dict[str, None]:
     """The variables without which Ray is started: its processes hand theirs on to every worker."""
-    tokens = [name for name in os.environ if is_policy_token(name)]
-    return dict.fromkeys(os.environ.keys() - without_secrets(os.environ, but=tokens).keys())
+    return dict.fromkeys(os.environ.keys() - playing_variables(os.environ).keys())
 
 
 def _set_environment(variables: Mapping[str, str | None]) -> None:

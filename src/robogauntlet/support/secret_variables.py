@@ -62,6 +62,11 @@ def without_secrets(environment: Mapping[str, str], *, but: Collection[str] = ()
     return {name: value for name, value in environment.items() if name in further or _is_inherited(name, value)}
 
 
+def playing_variables(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables for a process that plays policies: as `without_secrets`, and the tokens of their servers."""
+    return without_secrets(environment, but=[name for name in environment if is_policy_token(name)])
+
+
 def _is_inherited(name: str, value: str) -> bool:
     upper = name.upper()
     if name in _INHERITED or upper.endswith("_PROXY"):
