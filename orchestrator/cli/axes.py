@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,9 @@ from robogauntlet.suites.axes import AXES, SEVERITIES, Axis
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.output_file import Output
+
+SHEET = Output("a contact sheet", re.compile(rb"\x89PNG\r\n\x1a\n.{25}.{4}tEXtSoftware\0RoboGauntlet", re.DOTALL))
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -70,8 +74,7 @@ def sheet(
     axis = _find(name)
     if out_file.suffix.lower() != ".png":
         raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
-    if out_file.is_dir() or not out_file.parent.is_dir():
-        raise BadInput(f"--out: expected a file in an existing folder, got '{out_file}'")
+    SHEET.check(out_file)
     environments = EnvironmentResolver()
     usable = [s for s in simulators.simulators().values() if not s.internal and not environments.missing_reason(s)]
     tasks = task or [first for simulator in usable for first in _supporting_tasks(simulator, axis)[:1]]
@@ -89,10 +92,7 @@ def sheet(
             rows.append((task_name, contact_sheet.render_severities(task_name, axis, view, seed, environments)))
         except AdapterError as error:
             raise BadInput(f"{task_name}: {error}") from None
-    try:
-        contact_sheet.draw_contact_sheet(axis, rows).save(out_file)
-    except OSError as error:
-        raise BadInput(f"{out_file}: {error.strerror or error}") from None
+    SHEET.write(out_file, contact_sheet.as_png(contact_sheet.draw_contact_sheet(axis, rows)))
     print_line(str(out_file))
 
 

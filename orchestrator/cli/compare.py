@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -12,11 +13,15 @@ from robogauntlet.orchestrator.cli.common import StoreUrl, out, print_text
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results import api
 from robogauntlet.results.analysis.comparison import Comparison, Difference, Verdict
+from robogauntlet.results.report.comparison import BEGINS as RUNS_BEGIN
+from robogauntlet.results.report.pairwise import BEGINS as POLICIES_BEGIN
 from robogauntlet.results.report.pairwise import FORMATS as PAIRWISE_FORMATS
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.output_file import Output
 
+COMPARISON = Output("a comparison", re.compile(RUNS_BEGIN.pattern + b"|" + POLICIES_BEGIN.pattern))
 EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
 
 
@@ -52,7 +57,10 @@ Margin = Annotated[
     ),
 ]
 OutputFormat = Annotated[Format, typer.Option("--format", help="Output format.")]
-OutFile = Annotated[Path | None, typer.Option("--out", help="File to write instead of printing.")]
+OutFile = Annotated[
+    Path | None,
+    typer.Option("--out", help="File to write instead of printing; only an earlier comparison is replaced."),
+]
 
 
 def compare(
@@ -82,6 +90,7 @@ def compare(
 
     Exit codes: 0 compared (no regression), 1 a regression, 2 not comparable.
     """
+    check_output(file)
     (folder, first), (baseline, second) = parse_side(run), (None, None) if other is None else parse_side(other)
     options: dict[str, Any] = {"allowed": frozenset(allow or []), "alpha": alpha, "margin": margin}
     if first is None and second is None and baseline is not None:
@@ -168,8 +177,11 @@ def write(text: str, file: Path | None) -> None:
     """Write a text into a file, or print it. Raises BadInput if the file cannot be written."""
     if file is None:
         print_text(text)
-        return
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
+    else:
+        COMPARISON.write(file, text)
+
+
+def check_output(file: Path | None) -> None:
+    """Raise BadInput if a comparison must not be written into the file."""
+    if file is not None:
+        COMPARISON.check(file)

@@ -35,6 +35,7 @@ def gate(
 
     Prints the verdict and the reasons. Exit codes: 0 no regression, 1 a regression, 2 not comparable.
     """
+    compare.check_output(file)
     run = run or newest_run()
     if baseline is None and store is not None:
         raise BadInput(f"{run}: with --store, name the run to compare it with: --baseline RUN")

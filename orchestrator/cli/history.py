@@ -12,6 +12,7 @@ from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_histor
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.report.formatting import TextTable, count
 from robogauntlet.results.report.history_plot import (
+    PLOT,
     kind_history_table,
     new_kinds,
     policy_history_table,
@@ -41,6 +42,8 @@ def history(
         raise BadInput("--out: expected the name of the policy to plot: robogauntlet history POLICY --out FILE")
     if file is not None and file.suffix not in (".svg", ".html"):
         raise BadInput(f"--out: expected a file that ends in .svg or .html, got '{file}'")
+    if file is not None:
+        PLOT.check(file)
     with open_history(url) as history:
         if suite is not None and suite not in history.suites():
             raise BadInput(f"no run of a suite '{suite}'{did_you_mean(suite, history.suites())}")
@@ -69,10 +72,7 @@ def history(
         for line in new_kinds(kinds):
             print_line(f"- {line}")
     if file is not None:
-        try:
-            write_plot(file, results, f"{title}: success from run to run")
-        except OSError as error:
-            raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
+        write_plot(file, results, f"{title}: success from run to run")
         print_line(f"plot: {file}")
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Image as Pixels
@@ -53,6 +55,15 @@ def draw_contact_sheet(axis: Axis, rows: Sequence[tuple[str, Sequence[Sequence[P
     headings = ["clean", *(f"{severity}: {axis.value(severity):g}" for severity in range(1, SEVERITIES + 1))]
     stacked = [(task, [np.concatenate(list(images), axis=0) for images in columns]) for task, columns in rows]
     return draw_grid(headings, stacked, f"{axis.name} ({axis.unit})")
+
+
+def as_png(page: Image.Image) -> bytes:
+    """Return the content of a PNG file that says at its beginning which software wrote it."""
+    software = PngInfo()
+    software.add_text("Software", "RoboGauntlet")
+    content = io.BytesIO()
+    page.save(content, "png", pnginfo=software)
+    return content.getvalue()
 
 
 def draw_grid(

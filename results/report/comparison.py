@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from xml.etree import ElementTree
@@ -19,6 +20,12 @@ MARKS = {
     Verdict.NO_EVIDENCE: "no evidence of a difference",
     Verdict.NOT_COMPARABLE: "NOT COMPARABLE",
 }
+BEGINS = re.compile(
+    rf"(### \S+ )?({'|'.join(map(re.escape, MARKS.values()))}): [^\n]+ against "
+    r"|\{\n \"allowed\": \["
+    r"|<\?xml [^\n]*\?>\n<testsuite name=\"[^\n]* against ".encode()
+)
+"""How a comparison of two runs begins, in each of its forms."""
 ALL = "all tasks"
 NOW, BEFORE = "the run", "the baseline"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,10 +13,12 @@ from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report.formatting import NOTHING, TextTable, count, escape_html, percent, span
 from robogauntlet.results.store.failure_history import RunKinds
 from robogauntlet.results.store.history_records import Counts, PolicyRunResult
+from robogauntlet.support.output_file import Output
 from robogauntlet.support.text import counted
 
 LONGEST_NAME = 500
 """Characters of a run's name or verdict that a mark of the plot shows."""
+PLOT = Output("a plot of a history", re.compile(rb'(<!doctype html>.*)?<svg class="history-plot"', re.DOTALL))
 WIDTH, HEIGHT, LEFT, BOTTOM = 760, 260, 44, 34
 MARKS = {"regressed": "▼", "improved": "▲", "not comparable": "≠"}
 
@@ -168,7 +171,7 @@ def plot(results: Sequence[PolicyRunResult], title: str, link: str | None = None
 
 
 def write_plot(path: Path, results: Sequence[PolicyRunResult], title: str) -> None:
-    """Write an SVG file, or an HTML page with the plot for any other suffix. Raises OSError."""
+    """Write an SVG file, or an HTML page with the plot for any other suffix. Raises BadInput as `Output.write`."""
     drawn = plot(results, title)
     if path.suffix != ".svg":
         drawn = (
@@ -180,7 +183,7 @@ def write_plot(path: Path, results: Sequence[PolicyRunResult], title: str) -> No
             "<p>Success with 95 % intervals. ▼ regressed against the baseline run; dashed lines: the policy's content "
             "changed. Hover over a point to see its run.</p></body></html>"
         )
-    path.write_text(drawn + "\n", encoding="utf-8")
+    PLOT.write(path, drawn + "\n")
 
 
 def _y(rate: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
@@ -24,6 +25,13 @@ from robogauntlet.results.report.formatting import (
 from robogauntlet.results.statistics.pairs import POWER
 from robogauntlet.results.statistics.rates import rate
 
+BEGINS = re.compile(
+    rb"(### )?[^\n]+ against [^\n]+: [^\n]+ points, [^\n]+ pairs?\n"
+    rb"|(\| )?policy +(\| )?letters +(\| )?mean of tasks"
+    rb"|(\| )?(all tasks|against [^\n]+?) +(\| )?pairs +(\| )?first +(\| )?second"
+    rb"|\{\n \"alpha\": [^\n]*\n \"baseline\": "
+)
+"""How comparisons of policies begin, in each of their forms."""
 ALL = "all tasks"
 CLEAN_TITLE = "Outcomes of the pairs in which one or both failed"
 PERTURBED_TITLE = "Outcomes of the perturbed pairs in which one or both failed"

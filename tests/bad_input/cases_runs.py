@@ -124,8 +124,19 @@ QUERIES = table(
     ("compare runs/monday --policy x", "runs/monday: the run has no policy 'x'; known: p, q"),
     ("compare runs/monday --format junit", "--format junit: expected text, json or markdown"),
     ("compare runs/monday:p runs/monday:q --policy p", "--policy: expected with a whole run only"),
-    ("compare runs/monday --out nowhere/x", "nowhere/x: cannot be written: No such file or directory"),
-    ("compare runs/monday --out notes", "notes: cannot be written: Is a directory"),
+    ("compare runs/monday --out nowhere/x", "nowhere/x: expected a file in an existing folder"),
+    ("compare runs/monday --out notes", "notes: expected a file to write, this is a folder, no regular file"),
+    *(
+        (typed.format(file), f"{file}: expected a new file, or {what} to replace, this is another file; name a new one")
+        for typed, what in (
+            ("compare runs/monday --out {}", "a comparison"),
+            ("compare runs/monday runs/tuesday --format junit --out {}", "a comparison"),
+            ("gate runs/tuesday --baseline runs/monday --format json --out {}", "a comparison"),
+            ("policies routing zoo --json {}", "results of routers"),
+        )
+        for file in ("runs/monday/episodes.sqlite", "runs/monday/run.json", "suite.yaml", "run.robogauntlet", "text")
+    ),
+    ("compare runs/monday --out /dev/zero", "/dev/zero: expected a file to write, this is a device, no regular file"),
     ("gate runs/tuesday --policy x", "runs/tuesday: the run has no policy 'x'; known: p, q"),
     ("gate runs/monday", "expected a complete earlier run of suite 'synthetic' beside it, found none"),
     ("gate runs/monday --store sqlite:///x", "with --store, name the run to compare it with: --baseline RUN"),
@@ -134,7 +145,7 @@ QUERIES = table(
     ("history --suite syntetic", "no run of a suite 'syntetic'; did you mean 'synthetic'?"),
     ("history --out x.svg", "--out: expected the name of the policy to plot"),
     ("history p --out x.pdf", "--out: expected a file that ends in .svg or .html, got 'x.pdf'"),
-    ("history p --out nowhere/x.svg", "nowhere/x.svg: cannot be written: No such file or directory"),
+    ("history p --out nowhere/x.svg", "nowhere/x.svg: expected a file in an existing folder"),
     ("leaderboard nope", "no run of a suite 'nope'; known: synthetic"),
     ("accept nope", "no run 'nope' in the history; see: robogauntlet history"),
     ("accept %", "no run '%' in the history"),
@@ -219,6 +230,16 @@ RUNS = [
     Case("report", "no run under runs/; name one", {"runs/monday/run.json": None, "runs/tuesday/run.json": None}),
     Case("gate", "no run under runs/; name one", {"runs/monday/run.json": None, "runs/tuesday/run.json": None}),
     Case("verify runs/monday", "expected the store of the run in runs/monday, there is no such file", {STORE: None}),
+    Case(
+        "history p --out mine.svg",
+        "mine.svg: expected a new file, or a plot of a history to replace, this is another file; name a new one",
+        {"mine.svg": "<svg/>"},
+    ),
+    Case(
+        "axes sheet noise --out mine.png",
+        "mine.png: expected a new file, or a contact sheet to replace, this is another file; name a new one",
+        {"mine.png": b"\x89PNG\r\n\x1a\n"},
+    ),
     Case("report runs/odd", "run.json: cannot be read", {"runs/odd/run.json/x": ""}),
 ]
 CASES = [

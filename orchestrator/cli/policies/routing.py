@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -28,12 +29,14 @@ from robogauntlet.results.report.formatting import seconds
 from robogauntlet.suites.ranges import MAX_FIRST_SEED
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.output_file import Output
 from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudy
 
 MAX_SEEDS = 100_000
+STUDY = Output("results of routers", re.compile(rb'\{\n "checkpoint": [^\n]*\n "digest": '))
 ROUTER_TABLE_WIDTH = 130
 """Characters that the table of routers needs in one piece."""
 
@@ -84,7 +87,7 @@ def routing(
             study = study_routing(request, progress.show)
         _show(study)
         if json_file is not None:
-            json_file.write_text(json.dumps(as_json(study), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            STUDY.write(json_file, json.dumps(as_json(study), indent=1, allow_nan=False) + "\n")
     except FirstObservationError as error:
         raise BadInput(str(error)) from None
     except OSError as error:
@@ -113,8 +116,8 @@ def _check(keep: Path | None, json_file: Path | None) -> None:
     """Refuse options that would fail only after the work."""
     if keep is not None and keep.exists() and not keep.is_dir():
         raise BadInput(f"--keep: expected a folder, got the file '{keep}'")
-    if json_file is not None and (json_file.is_dir() or not json_file.parent.is_dir()):
-        raise BadInput(f"--json: expected a file in an existing folder, got '{json_file}'")
+    if json_file is not None:
+        STUDY.check(json_file)
 
 
 def _show(study: RoutingStudy) -> None:

@@ -1,6 +1,7 @@
 """`robogauntlet compare` and `robogauntlet gate`."""
 
 import json
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -81,6 +82,27 @@ def test_it_is_written_as_json_markdown_and_junit(run_command, runs, tmp_path):
         assert printed.out == file.read_text()
 
 
+@pytest.mark.parametrize(
+    "typed",
+    [
+        "compare wednesday monday",
+        "compare half",
+        "compare wednesday:p wednesday:q",
+        "gate wednesday --baseline monday",
+        "gate wednesday --baseline other",
+    ],
+)
+def test_a_comparison_replaces_an_earlier_one_of_any_form_and_an_empty_file(run_command, runs, monkeypatch, typed):
+    monkeypatch.chdir(runs)
+    Path("found").touch()
+    two_runs = " monday" in typed or typed.startswith("gate")
+    for form in ("text", "json", "markdown", *(["junit"] if two_runs else []), "text"):
+        done = run_command(*typed.split(), "--format", form, "--out", "found")
+        assert (done.err, done.out) == ("", "")
+        whole = run_command(*typed.split(), "--format", form).out
+        assert whole.endswith(Path("found").read_text())
+
+
 def test_two_policies_of_a_run_are_compared(run_command, runs):
     done = run_command("compare", f"{runs}/wednesday:p", f"{runs}/wednesday:q")
     assert done.code == 0
@@ -152,7 +174,7 @@ def test_policies_that_share_no_episode_are_one_line(run_command, runs):
         ),
         (("compare", "monday", "nowhere"), "nowhere: expected a run folder, it does not exist"),
         (("compare", "monday", "tuesday", "--policy", "P"), "monday: the run has no policy 'P'; known: p, q"),
-        (("gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: cannot be written: No such file or directory"),
+        (("gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: expected a file in an existing folder"),
     ],
 )
 def test_bad_input_is_one_line(run_command, runs, monkeypatch, arguments, message):

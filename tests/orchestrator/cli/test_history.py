@@ -47,8 +47,8 @@ def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_pat
     picture = (tmp_path / "plot.svg").read_text()
     assert picture.startswith("<svg")
     assert picture.count('class="bad"') == 1
-    page = run_command("history", "p", "--task", "maniskill/A", "--out", "plot.html")
-    assert page.code == 0
+    for _ in range(2):  # the second replaces the first
+        assert run_command("history", "p", "--task", "maniskill/A", "--out", "plot.html").code == 0
     assert (tmp_path / "plot.html").read_text().startswith("<!doctype html>")
 
 
@@ -120,7 +120,7 @@ def test_exports_overwrite_nothing(run_command, runs, tmp_path, form, file):
         (("history", "pp"), "no run with a policy 'pp'; did you mean 'p'?"),
         (("history", "--suite", "synthetc"), "no run of a suite 'synthetc'; did you mean 'synthetic'?"),
         (("history", "p", "--task", "nowhere"), "no run with a policy 'p' on 'nowhere'"),
-        (("history", "p", "--out", "no/such/folder.svg"), "cannot be written"),
+        (("history", "p", "--out", "no/such/folder.svg"), "expected a file in an existing folder"),
         (("history", "p", "--out", "plot.png"), "--out: expected a file that ends in .svg or .html, got 'plot.png'"),
         (("history", "--out", "plot.svg"), "--out: expected the name of the policy to plot"),
         (("history", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),

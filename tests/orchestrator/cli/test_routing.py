@@ -9,7 +9,7 @@ from safetensors import safe_open
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.policies.routing import StudyProgress
+from robogauntlet.orchestrator.cli.policies.routing import STUDY, StudyProgress
 from robogauntlet.orchestrator.routing_evaluation.first_observations import (
     FirstObservationError,
     collect_first_observations,
@@ -68,6 +68,7 @@ def test_every_router_is_shown_and_everything_is_written(zoo, tmp_path, no_simul
     for word in ("3 tasks, 3 seeds from 2", "one backbone pass", "calibrated, instruction hidden", *names, *TASKS):
         assert word in done.output
     found = json.loads((tmp_path / "found.json").read_text())
+    STUDY.check(tmp_path / "found.json")  # it may be replaced
     assert found["seeds"] == {"start": 2, "count": 3}
     assert found["tasks"] == list(TASKS)
     assert [(one["router"], one["sees_instruction"]) for one in found["routers"]] == [
@@ -102,7 +103,7 @@ def test_a_checkpoint_without_fitted_routers_is_evaluated_with_the_others(zoo, n
         (["{zoo}/none"], "expected a checkpoint's folder or a hub id"),
         (["{zoo}/base"], "merged"),
         (["{zoo}/merged", "--keep", "{zoo}/merged/card.json"], "--keep: expected a folder, got the file"),
-        (["{zoo}/merged", "--json", "{zoo}/none/x.json"], "--json: expected a file in an existing folder"),
+        (["{zoo}/merged", "--json", "{zoo}/none/x.json"], "x.json: expected a file in an existing folder"),
         (["{zoo}/merged", "--demonstrations", "{zoo}/data/Reach"], "got none of null/Slow"),
         (["{zoo}/merged", "--router", "paper-coded:rank=0"], "rank=1 or more, block=0 or more, got 'rank=0'"),
         (["zoo:libero-merged"], ": expected seeds 0 to 49, since it has 50 stored states, which further seeds repeat"),

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robogauntlet.orchestrator.cli.axes import SHEET
 from robogauntlet.orchestrator.replay.contact_sheet import (
     HEADING_HEIGHT,
     LABEL_WIDTH,
     TITLE_HEIGHT,
+    as_png,
     draw_contact_sheet,
     render_severities,
 )
@@ -28,6 +30,12 @@ def test_a_sheet_has_a_column_for_each_severity_and_a_line_for_each_task():
     columns = [LABEL_WIDTH + severity * 52 + 20 for severity in range(6)]
     assert [page[TOP + 24, column, 0] for column in columns] == [0, 1, 2, 3, 4, 5]
     assert [page[TOP + 104 + 60, column, 0] for column in columns] == [10, 11, 12, 13, 14, 15]
+
+
+def test_a_sheet_may_be_replaced_by_the_next_one(tmp_path):
+    page = draw_contact_sheet(AXES["blur"], [("a/One", shades(0, 1, 2, 3, 4, 5))])
+    SHEET.write(tmp_path / "sheet.png", as_png(page))
+    SHEET.write(tmp_path / "sheet.png", as_png(page))
 
 
 def test_headings_stay_within_their_columns():
