@@ -1,5 +1,7 @@
-"""The wheels, and the action of a code host: complete, light, and usable in an empty environment, which they share."""
+"""The wheels with the newest packages, and the action of a code host with pinned ones, in an empty environment each."""
 
+import json
+import os
 import re
 import shlex
 import shutil
@@ -31,6 +33,7 @@ def walk(command, words):
 
 print(walk(get_command(app), []))
 """
+VERSIONS = "import json, numpy, pandas; print(json.dumps([numpy.__version__, pandas.__version__]))"
 VALIDATE = """
 import sys
 from robogauntlet.orchestrator.cli import app
@@ -40,6 +43,27 @@ for suite in sys.argv[1:]:
     done = CliRunner().invoke(app, ["validate", suite])
     assert done.exit_code == 0, (suite, done.output, done.exception)
 """
+
+
+LIGHT = (
+    "suites",
+    "results/test_api.py",
+    "results/analysis/test_robustness.py",
+    "results/analysis/test_tables.py",
+    "results/analysis/test_paired_behaviour.py",
+    "results/analysis/test_condition_comparison.py::test_the_loss_at_every_level_is_paired_and_tested",
+    "adapters/test_contract.py",
+    "adapters/test_catalog.py",
+    "adapters/test_camera_geometry.py",
+    "adapters/test_photometry.py",
+    "policies/test_function_policy.py",
+    "policies/remote/test_msgpack_numpy.py",
+    "policies/remote/test_conventions.py",
+    "orchestrator/episodes/test_rollout.py",
+    "orchestrator/episodes/test_episode_runner.py",
+    "orchestrator/policy_kit/test_check.py",
+)
+"""Tests of every room that need nothing but the wheel."""
 
 
 def run(*command, **options):
@@ -71,8 +95,12 @@ def wheels(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
-    """A new environment of Python with the pip of this one: the pip that Python brings takes three times as long."""
-    folder = tmp_path_factory.mktemp("environment")
+    """A new environment of Python, for the action."""
+    return new_environment(tmp_path_factory.mktemp("environment"))
+
+
+def new_environment(folder):
+    """Make an environment with the pip of this one: the pip that Python brings takes three times as long."""
     run(sys.executable, "-m", "venv", "--without-pip", folder)
     (there,) = folder.glob("lib/python*/site-packages")
     for pattern in ("pip", "pip-*.dist-info"):
@@ -98,16 +126,12 @@ def runner(environment, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def program(runner, environment, wheels):
-    """`robogauntlet` of the two wheels, in the environment with what they require."""
-    run(environment / "bin" / "python", "-m", "pip", "uninstall", "--quiet", "--yes", "robogauntlet")
-    install(environment, *wheels)
-    return environment / "bin" / "robogauntlet"
-
-
-def install(environment, *requirements):
-    constraints = ("-c", ROOT / "constraints.txt")
-    run(environment / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-compile", *constraints, *requirements)
+def program(wheels, tmp_path_factory):
+    """`robogauntlet` of the two wheels, with the newest packages that they allow."""
+    python = new_environment(tmp_path_factory.mktemp("newest")) / "bin" / "python"
+    wanted = (f"robogauntlet[pybullet] @ {wheels[0].as_uri()}", wheels[1], "pytest", "hypothesis")
+    run(python, "-m", "pip", "install", "--quiet", "--no-compile", *wanted)
+    return python.with_name("robogauntlet")
 
 
 def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(wheels):
@@ -144,15 +168,24 @@ def test_every_verb_has_help(program, tmp_path):
 
 
 @pytest.mark.slow
-def test_every_shipped_suite_is_valid_where_no_simulator_is_installed(program, tmp_path):
+def test_light_tests_of_every_room_pass_with_the_newest_packages(program):
+    python, variables = program.with_name("python"), {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    numpy, pandas = json.loads(run(python, "-c", VERSIONS))
+    assert (int(numpy.partition(".")[0]), int(pandas.partition(".")[0])) >= (2, 3)
+    options = ("-q", "-p", "no:cacheprovider", "-m", "not simulator and not ray and not slow")
+    printed = run(python, "-m", "pytest", *options, *(f"tests/{name}" for name in LIGHT), cwd=ROOT, env=variables)
+    assert "skipped" not in printed.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_every_shipped_suite_is_valid_where_few_simulators_are_installed(program, tmp_path):
     suites = sorted(path.stem for path in (ROOT / "suites").glob("*.yaml"))
     run(program.with_name("python"), "-c", VALIDATE, *suites, cwd=tmp_path)
 
 
 @pytest.mark.slow
 @pytest.mark.simulator
-def test_the_quick_start_is_followed_word_by_word(program, wheels, tmp_path):
-    install(program.parents[1], f"robogauntlet[pybullet] @ {wheels[0].as_uri()}")
+def test_the_quick_start_is_followed_word_by_word(program, tmp_path):
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     section = page.partition("\n## Quick start\n")[2].partition("\n## ")[0]
     printed = ""
