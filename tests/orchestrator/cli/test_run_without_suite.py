@@ -46,7 +46,7 @@ def own(folder):
         ((*OWN, "--task", "nul/*"), "unknown simulator 'nul' in 'nul/*'"),
         ((*OWN, "--task", "Reach"), "expected simulator/task, got 'Reach'"),
         ((*OWN, *TASK, "--condition", "noize@2"), "unknown condition 'noize'; did you mean 'noise'?"),
-        ((*OWN, *TASK, "--condition", "noise@6"), "expected a value less than or equal to 5, found 6"),
+        ((*OWN, *TASK, "--condition", "noise@6"), "noise@6: expected a severity from 0.01 to 5, got 6"),
         ((*OWN, *TASK, "--condition", "noise@0"), "expected severities above 0 for 'noise'"),
         ((*OWN, *TASK, "--condition", "noise@two"), "condition 'noise@two': expected clean, AXIS or AXIS@SEVERITY"),
         (("--policy", "orcale", *TASK), "a kind of policy; got 'orcale'; did you mean 'oracle'?"),
