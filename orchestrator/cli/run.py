@@ -233,7 +233,8 @@ def _print_numbers(outcome: RunOutcome) -> None:
     unread = f"the rows cannot be read; {planned} planned, played for {duration}"
     out.print(unread if outcome.done is None else f"{outcome.done:,} of {planned} in {duration}", end="")
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
-    print_line(f"report: {outcome.folder / 'report.html'}")
+    if outcome.report is not None:
+        print_line(f"report: {outcome.folder / 'report.html'}")
 
 
 def _conclude(outcome: RunOutcome, command: str, continuing: str) -> None:

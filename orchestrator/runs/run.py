@@ -363,14 +363,15 @@ class RunSession:
         return True
 
     def _write(self, done: int | None) -> RunOutcome:
-        """Write the document and the report."""
-        from robogauntlet.results.report import write_report
-
+        """Write the document, and the report unless the run was interrupted before its first row."""
         report, warnings = None, self._observer.warnings
         try:
             write_run(self._folder, self._document)
             self._history_writer.record(self._document)
-            report = write_report(self._folder, store_url=self._options.store)
+            if done != 0 or self._document.status is not RunStatus.INTERRUPTED:  # Ctrl-C at the start ends soon
+                from robogauntlet.results.report import write_report
+
+                report = write_report(self._folder, store_url=self._options.store)
         except (OSError, StoreError) as error:
             remedy = f"write it later: robogauntlet report {self._folder}"
             warnings.append(f"the report could not be written: {describe_os_error(error)}; {remedy}")

@@ -79,3 +79,23 @@ def test_an_interruption_ends_a_command_while_ray_starts_and_leaves_no_process(n
     started = [pid for pid in ast.literal_eval(done.stdout.splitlines()[0]) if psutil.pid_exists(pid)]
     _, left = psutil.wait_procs([psutil.Process(pid) for pid in started], 10)
     assert left == []
+
+
+BEFORE_THE_FIRST_ROW = """
+import os, signal
+from robogauntlet.orchestrator.cli import main
+import robogauntlet.orchestrator.runs.run as run
+run.import_ray = lambda: os.kill(os.getpid(), signal.SIGINT)
+main()
+"""
+
+
+def test_a_run_that_is_interrupted_before_its_first_row_writes_no_report_and_can_be_continued(tmp_path):
+    words = ["run", "null/Reach", "--policy", "random", "--seeds", "5", "--no-media", "--out", "run"]
+    command, options = [sys.executable, "-c", BEFORE_THE_FIRST_ROW, *words], {"cwd": tmp_path, "env": environment_of()}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
+    assert done.returncode == 130
+    assert "interrupted; continue with: robogauntlet run" in done.stderr
+    assert "report" not in done.stdout
+    assert {path.name for path in (tmp_path / "run").iterdir()} >= {"run.json", "episodes.sqlite"}
+    assert not (tmp_path / "run" / "report.html").exists()
