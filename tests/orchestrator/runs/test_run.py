@@ -184,7 +184,7 @@ def test_a_policy_that_does_not_fit_is_refused_before_anything_starts(suite, mon
 
 def test_a_policy_of_one_arm_is_refused_in_a_task_of_two_before_anything_starts(suite):
     tasks = "[null/Reach, robosuite/TwoArmLift@TwoPandas]"
-    text = SUITE.replace("[oracle, random]", "[random]")
+    text = SUITE.replace("[oracle, random]", "[replay]")
     with pytest.raises(SuiteError, match="TwoPandas accepts 14 numbers per action, the policy produces 7"):
         make_plan(suite(text.replace("[null/Reach]", tasks)))
     with pytest.raises(SuiteError, match="the simulation accepts 14 numbers per action, the policy produces 7"):
