@@ -27,6 +27,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ["ROBOGAUNTLET_CONFIG"] = os.devnull
 _ENVIRONMENTS = tempfile.TemporaryDirectory(prefix="robogauntlet-environments-")
 os.environ["ROBOGAUNTLET_ENVIRONMENTS"] = _ENVIRONMENTS.name
+_STATE = tempfile.TemporaryDirectory(prefix="robogauntlet-state-")
+os.environ["XDG_STATE_HOME"] = _STATE.name
 
 # Tests open several simulators in one process, so the variables of all are set before the first is imported.
 for _simulator in catalog.simulators().values():

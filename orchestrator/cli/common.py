@@ -115,10 +115,10 @@ Check = Annotated[
     bool,
     typer.Option("--check", help="Import the code that the suite names, contact its policy servers, as a run does."),
 ]
-Trust = Annotated[
-    bool,
+OwnSuite = Annotated[
+    str | None,
     typer.Option(
-        "--trust", help="Trust the author of an imported run: import, contact, read and start what its suite names."
+        "--suite", help="Suite with the policies to play; needed for a run that you did not play in this folder."
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -11,12 +11,13 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, Trust, out, print_line
+from robogauntlet.orchestrator.cli.common import OwnSuite, RunArgument, StoreUrl, out, print_line
 from robogauntlet.orchestrator.cli.hub import check_repository, push_folder
 from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
 from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
+from robogauntlet.orchestrator.runs.playable_suite import playable_suite
 from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
@@ -100,7 +101,7 @@ def export(
         ),
     ] = None,
     store: StoreUrl = None,
-    trust: Trust = False,
+    suite: OwnSuite = None,
 ) -> None:
     """Write a run as one file, or its episodes as datasets.
 
@@ -115,7 +116,7 @@ def export(
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))
         policies = () if policy is None else (policy,)
         selected = EpisodeFilter(policies, tuple(task or ()), tuple(condition or ()), statuses, limit=limit)
-        _write_datasets(run, selected, file, store, trust)
+        _write_datasets(run, selected, file, store, suite)
         return
     if task or condition or status or limit:
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
@@ -156,20 +157,21 @@ def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy
     return len(rows)
 
 
-def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None, trust: bool) -> None:
+def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None, suite: str | None) -> None:
     def listener(written: DatasetExport, count: int) -> Callable[[], None]:
         if written.existing:
             out.print(f"continuing: {written.existing} of {counted(written.wanted, 'episode')} are recorded already")
         return progress.enter_context(RecordingProgress(out, count, activity="replaying")).advance
 
     document = read_run(run)
+    played = playable_suite(document, run, suite)
     with closing(Store.open_begun(run, document, store)) as rows:
         chosen = selected.select(document, rows.results())
     if not chosen:
         raise BadInput(f"{run}: no episode matches the options")
     with ExitStack() as progress:
-        sources = policy_sources(document, run, trust=trust)
-        written = write_datasets(chosen, document, sources, folder, listener, environments_of(document))
+        sources = policy_sources(document, played)
+        written = write_datasets(chosen, document, sources, folder, listener, environments_of(played))
     for writer in written.writers.values():
         print_line(f"{writer.folder}: {counted(writer.episodes, 'episode')}, {counted(writer.frames, 'frame')}")
     conclude_recording(written)

@@ -15,6 +15,7 @@ from robogauntlet.orchestrator.cli.common import (
     runs_root,
 )
 from robogauntlet.results.report.formatting import counted
+from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.store import run_archive
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import history_url
@@ -39,8 +40,17 @@ def import_run(
         raise BadInput(f"--out: expected the name of a new folder, got '{folder}'")
     root = folder.absolute().parent if folder else runs_root(url)
     history_url(url, root)  # a wrong URL is refused before anything is written
+
+    def check(document: RunDocument) -> None:
+        with open_history(url) as history:
+            known = history.find(document.run_id)
+        if known is not None and known.run_id == document.run_id:
+            place = known.folder or "a folder that is gone"
+            raise BadInput(f"{file}: run {document.run_id} is in the history already, in {place}; nothing is imported")
+
     try:
-        run, document = run_archive.import_run(file, root, store=store, name=folder.name if folder else None)
+        name = folder.name if folder else None
+        run, document = run_archive.import_run(file, root, store=store, name=name, check=check)
         try:
             write_report(run, store_url=store)
             with open_history(url) as history:

@@ -17,6 +17,7 @@ from robogauntlet.support.errors import BadInput
 def leaderboard(
     suite: Annotated[str, typer.Argument(help="Name of a suite that was run.")],
     alpha: Annotated[float, typer.Option(min=0.0001, max=0.4999, help="Family-wise error rate.")] = 0.05,
+    imported: Annotated[bool, typer.Option("--imported", help="Rank runs of others, too; they are marked.")] = False,
     as_json: AsJson = False,
     url: HistoryUrl = None,
 ) -> None:
@@ -27,9 +28,10 @@ def leaderboard(
     with open_history(url) as history:
         if suite not in history.suites():
             raise BadInput(f"no run of a suite '{suite}'{did_you_mean(suite, history.suites())}")
-        results = list(analysis.latest_results_per_policy(history, suite, fail))
+        results = list(analysis.latest_results_per_policy(history, suite, fail, imported=imported))
     if not results:
-        raise BadInput(f"expected a complete run of suite '{suite}', found none")
+        others = "" if imported else "; runs of others count with --imported"
+        raise BadInput(f"expected a complete run of suite '{suite}', found none{others}")
     rows = analysis.leaderboard(results, alpha)
     if as_json:
         print_json(rows)

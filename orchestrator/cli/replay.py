@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import StoreUrl, Trust, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.cli.common import OwnSuite, StoreUrl, fail, newest_run, out, print_line
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import (
@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.replay.replay import (
     replay_with_video,
 )
 from robogauntlet.orchestrator.runs.plan import why_impossible
+from robogauntlet.orchestrator.runs.playable_suite import playable_suite
 from robogauntlet.results.media_paths import changed_video_path, video_path
 from robogauntlet.results.record import EpisodeResult, Status, outcome_text
 from robogauntlet.results.run_document import RunDocument, read_run
@@ -54,7 +55,7 @@ def replay_episode(
     ] = None,
     video: Annotated[Path | None, typer.Option(help="MP4 file to write; by default in the run folder.")] = None,
     store: StoreUrl = None,
-    trust: Trust = False,
+    suite: OwnSuite = None,
 ) -> None:
     """Replay a stored episode, compare it with its row and record a video.
 
@@ -80,11 +81,12 @@ def replay_episode(
         video = of_both or video_path(folder, row.episode_id)
     played: list[EpisodeResult] = []
     try:
-        sources = policy_sources(document, folder, trust=trust)
+        played_by = playable_suite(document, folder, suite)
+        sources, environments = policy_sources(document, played_by), environments_of(played_by)
         if condition is None:
-            replay = replay_with_video(row, sources, video, environments_of(document))
+            replay = replay_with_video(row, sources, video, environments)
         else:
-            replay, changed = replay_changed(row, condition, sources, video, environments_of(document))
+            replay, changed = replay_changed(row, condition, sources, video, environments)
             played.append(changed)
     except RayLost as error:
         raise BadInput(str(error)) from None

@@ -23,7 +23,6 @@ from robogauntlet.orchestrator.cli.common import (
     SeedCount,
     Success,
     Tasks,
-    Trust,
     WorkersSetting,
     fail,
     out,
@@ -38,7 +37,6 @@ from robogauntlet.orchestrator.runs.composition import compose_plan, new_run_fol
 from robogauntlet.orchestrator.runs.plan import check_same, find_suite, fitted, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
-from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
 from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
@@ -113,7 +111,6 @@ def run(
     log_project: Annotated[
         str, typer.Option("--log-project", help="With --log: project of W&B, experiment of MLflow.")
     ] = PROJECT,
-    trust: Trust = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print a line for each episode.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but problems.")] = False,
 ) -> None:
@@ -124,8 +121,6 @@ def run(
     """
     out.quiet = quiet or out.quiet
     required = tuple(require or ())
-    if out_folder is not None and (out_folder / RUN_FILE).exists():
-        require_trust(read_run(out_folder), out_folder, trust=trust)
     tracker = None if log is None else LiveTracker(read_tracker(log), log_project)
     policy_options, part = read_options(option or ()), SuiteSelection()
     settings = suite_settings(success, image_size, replan_every, render_profile, workers)

@@ -7,9 +7,17 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, Trust, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.cli.common import (
+    NewestRunArgument,
+    OwnSuite,
+    StoreUrl,
+    fail,
+    newest_run,
+    out,
+    print_line,
+)
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
-from robogauntlet.orchestrator.runs.trust import require_trust
+from robogauntlet.orchestrator.runs.playable_suite import playable_suite
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Condition
@@ -21,7 +29,7 @@ def verify(
     sample: Annotated[int, typer.Option(min=0, help="Number of random episodes to replay.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random choice.")] = 0,
     store: StoreUrl = None,
-    trust: Trust = False,
+    suite: OwnSuite = None,
 ) -> None:
     """Check the rows of a run against their hash and replay a sample of its episodes.
 
@@ -32,12 +40,10 @@ def verify(
 
     folder = folder or newest_run()
     document = read_run(folder)
-    if sample:
-        require_trust(document, folder, trust=trust)
+    played = playable_suite(document, folder, suite) if sample else None
     with closing(Store.open_begun(folder, document, store)) as rows:
         stored = verify.sample_rows(rows.results(), sample, seed)
-    sources = policy_sources(document, folder, trust=trust) if stored.sample else {}
-    environments = environments_of(document)
+    sources = policy_sources(document, played) if played and stored.sample else {}
     problems = []
     rows_text = f"{counted(stored.rows, 'row')}, hash {stored.rows_hash}"
     if document.rows_hash is None:
@@ -47,7 +53,8 @@ def verify(
     else:
         problems.append(f"expected the hash {document.rows_hash} of run.json, the rows have {stored.rows_hash}")
 
-    if stored.sample:
+    if played and stored.sample:
+        environments = environments_of(played)
         try:
             with ray_session(address=None, workers=len({row.simulator for row in stored.sample})):
                 for checked in verify.check_rows(stored.sample, sources, environments):

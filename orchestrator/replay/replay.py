@@ -20,7 +20,6 @@ from robogauntlet.orchestrator.episodes.rollout import Watcher
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder
 from robogauntlet.orchestrator.replay.joined_videos import join_videos
 from robogauntlet.orchestrator.replay.media_selection import Snapshot
-from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.record import BEHAVIOUR, OUTCOME, EpisodeResult, has_behaviour, outcome_text
@@ -28,6 +27,7 @@ from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.conditions import change_text
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.schema import Suite
 from robogauntlet.support.errors import BadInput
 
 
@@ -57,17 +57,19 @@ class NotReplayed:
     reason: str
 
 
-def policy_sources(document: RunDocument, folder: Path, *, trust: bool = False) -> dict[str, PolicySource]:
-    """The policies of the run in a folder, by name.
+def policy_sources(document: RunDocument, suite: Suite) -> dict[str, PolicySource]:
+    """The policies of a run by name, from the suite that plays it.
 
     Raises:
-        NotTrusted: The run was imported and uses something of its author's choice; see `require_trust`.
-        ReplayError: A policy has changed since the run, or cannot be used.
+        ReplayError: The suite lacks a policy of the run, it has changed since the run, or it cannot be used.
     """
-    require_trust(document, folder, trust=trust)
     digests = {cell.policy: cell.policy_digest for cell in document.plan}
-    sources, environments = {}, environments_of(document)
-    for entry in document.suite.policies:
+    if lacking := sorted(digests.keys() - {entry.name for entry in suite.policies}):
+        raise ReplayError(f"suite '{suite.name}' lacks the run's policy '{lacking[0]}'; name the suite that was played")
+    sources, environments = {}, environments_of(suite)
+    for entry in suite.policies:
+        if entry.name not in digests:
+            continue
         try:
             options = environments.options(entry.kind, entry.options)
         except PolicyError as error:
@@ -78,14 +80,14 @@ def policy_sources(document: RunDocument, folder: Path, *, trust: bool = False) 
     return sources
 
 
-def environments_of(document: RunDocument) -> EnvironmentResolver:
-    """The environments of a run's simulators, by its suite and the user's configuration.
+def environments_of(suite: Suite) -> EnvironmentResolver:
+    """The environments of simulators and policies, by a suite and the user's configuration.
 
     Raises:
         ReplayError: The configuration cannot be read.
     """
     try:
-        return EnvironmentResolver(document.suite.environments)
+        return EnvironmentResolver(suite.environments)
     except SuiteError as error:
         raise ReplayError(f"the run's environments cannot be read: {error}") from None
 

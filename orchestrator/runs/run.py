@@ -32,6 +32,7 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
 from robogauntlet.results.record import EpisodeResult, Status, outcome_row, rows_hash
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, shortened, store_url, write_run
+from robogauntlet.results.run_owner import mark_as_own
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.episode import Cell
@@ -156,6 +157,7 @@ class RunSession:
         try:
             if not plan.path.exists():  # composed of options
                 write_whole(plan.path, plan.text)
+            mark_as_own(folder, document)
             write_run(folder, document)
         except OSError as error:
             raise FolderError(f"{folder}: {describe_os_error(error)}") from None

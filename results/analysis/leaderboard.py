@@ -66,16 +66,18 @@ class PolicyEpisodes:
 
 
 def latest_results_per_policy(
-    history: History, suite: str, left_out: Callable[[str], None]
+    history: History, suite: str, left_out: Callable[[str], None], *, imported: bool = False
 ) -> Iterator[PolicyEpisodes]:
     """Yield the episodes of each policy of a suite in its newest complete run whose rows can be read.
 
     Those of one rule of success are compared, that of the newest run. `left_out` is called with a message for each run
-    that counts otherwise, or whose rows cannot be read. Raises StoreError.
+    that counts otherwise, or whose rows cannot be read. With `imported`, runs of others count for policies that none
+    played here has, and are named as such. Raises StoreError.
     """
     found: set[str] = set()
     rule: SuccessRule | None = None
-    for entry, digests in history.newest_runs(suite):
+    newest = history.newest_runs(suite, imported=imported)
+    for entry, digests in sorted(newest, key=lambda run: run[0].imported):
         wanted = [name for name in digests if name not in found]
         if not wanted:
             continue
@@ -93,7 +95,8 @@ def latest_results_per_policy(
             of_policy = rows[rows["policy"] == name]
             if len(of_policy):
                 found.add(name)
-                yield PolicyEpisodes(name, digests[name], entry.name, entry.started_at, of_policy)
+                run = f"{entry.name} (imported)" if entry.imported else entry.name
+                yield PolicyEpisodes(name, digests[name], run, entry.started_at, of_policy)
 
 
 def _success_rule(rows: pd.DataFrame) -> SuccessRule | None:

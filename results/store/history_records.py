@@ -100,7 +100,7 @@ class RunEntry:
     policies: int = 1
     """Number of policies, by content. The counts of several policies have no rate in common."""
     imported: bool = False
-    """Whether it came as an exported file, whose author is not trusted."""
+    """Whether its rows are the word of others: it came as an exported file, or as a folder."""
 
     @classmethod
     def from_document(cls, document: RunDocument, folder: Path) -> RunEntry:
@@ -125,9 +125,9 @@ class RunEntry:
 
     @property
     def is_baseline_material(self) -> bool:
-        """Whether it may be the baseline of later runs: complete, and accepted or neither imported nor found worse."""
-        good = not self.imported and self.verdict in (None, *GOOD)
-        return self.status == "complete" and (self.accepted or good)
+        """Whether it may be the baseline of later runs: complete, not imported, and accepted or not found worse."""
+        good = self.accepted or self.verdict in (None, *GOOD)
+        return self.status == "complete" and not self.imported and good
 
     @property
     def status_text(self) -> str:

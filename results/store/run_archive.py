@@ -16,6 +16,7 @@ from robogauntlet.results.store.arriving import arriving_folder
 from robogauntlet.results.store.database import StoreError, without_password
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.exported_file import exported_size
+from robogauntlet.results.store.history_import import refuse_future
 from robogauntlet.results.store.limited_reader import limited_reader
 from robogauntlet.results.store.run_history import History
 
@@ -65,7 +66,7 @@ def import_run(
         check: Called with the document before the folder is created; raises RunError to refuse it.
 
     Raises:
-        RunError: It is no exported run, has another version, its rows were changed, or the folder exists.
+        RunError: It is no exported run, has another version, a start in the future, changed rows, or the folder exists.
         StoreError: The store cannot be written.
         OSError: The folder cannot be written.
     """
@@ -76,6 +77,7 @@ def import_run(
         run.mkdir()
         with limited_reader(file, run) as reader:
             document = reader.document
+            refuse_future(document)
             if check is not None:
                 check(document)
             folder = root / (name or f"{document.suite.name}-{document.run_id[:8]}")

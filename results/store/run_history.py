@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import islice
@@ -76,14 +77,19 @@ class History:
         folder: Path | None = None,
         counted: Mapping[CellKey, Counts] | None = None,
         schedule: str | None = None,
+        *,
+        imported: bool = False,
     ) -> None:
         """Write or update a run, also one that was forgotten. Raises StoreError.
+
+        A run that was accepted as a baseline is so only as long as it has the same rows.
 
         Args:
             document: The run.
             folder: Its folder; None keeps the stored one.
             counted: Counts of its cells; missing cells of the plan count as not played. None keeps the stored counts.
             schedule: The schedule that started it; None keeps the stored one.
+            imported: Whether its rows are the word of others, as those of every document with that origin.
         """
         values: dict[str, Any] = {
             "started_at": document.started_at,
@@ -101,13 +107,17 @@ class History:
             values["schedule"] = schedule
         rows = [{"run_id": document.run_id, **row} for row in _cell_rows(document, counted or {})]
         with self.database.writing() as connection:
+            same = runs.c.run_id == document.run_id
+            before = connection.scalar(sa.select(runs.c.document).where(same, runs.c.accepted.is_(True)))
+            if before is not None and _rows_hash(before) != document.rows_hash:
+                values["accepted"] = False
             statement = self.database.insert(runs).values(run_id=document.run_id, **values)
             connection.execute(statement.on_conflict_do_update(index_elements=["run_id"], set_=values))
             if counted is not None:
                 connection.execute(sa.delete(cells).where(cells.c.run_id == document.run_id))
             if rows:
                 connection.execute(self.database.insert_new(cells), rows)
-            if document.origin == "imported":
+            if imported or document.origin == "imported":
                 connection.execute(self.database.insert_new(imported_runs).values(run_id=document.run_id))
             connection.execute(sa.delete(forgotten_runs).where(forgotten_runs.c.run_id == document.run_id))
 
@@ -139,7 +149,7 @@ class History:
         self._change(run_id, verdict=verdict, baseline=baseline, reasons="\n".join(reasons))
 
     def accept(self, run_id: str) -> None:
-        """Accept a run as the baseline of later ones, whatever its verdict. Raises StoreError."""
+        """Accept a run with its present rows as the baseline of later ones, whatever its verdict. Raises StoreError."""
         self._change(run_id, accepted=True)
 
     def clear_folder(self, run_id: str) -> None:
@@ -175,9 +185,14 @@ class History:
         with self.database.reading() as connection:
             return list(map(_entry, connection.execute(query.order_by(runs.c.started_at.desc(), runs.c.run_id))))
 
-    def newest_runs(self, suite: str) -> list[tuple[RunEntry, dict[str, str]]]:
-        """The newest complete runs of a suite, newest first, each with digests by policy name. Raises StoreError."""
+    def newest_runs(self, suite: str, *, imported: bool = False) -> list[tuple[RunEntry, dict[str, str]]]:
+        """The newest complete runs of a suite, with digests by policy name; with `imported` also those of others.
+
+        Raises:
+            StoreError: The store cannot be read.
+        """
         newest = _filtered(sa.select(runs.c.run_id), suite, "complete")
+        newest = newest if imported else newest.where(runs.c.run_id.not_in(sa.select(imported_runs.c.run_id)))
         newest = newest.order_by(runs.c.started_at.desc()).limit(NEWEST)
         query = sa.select(cells.c.run_id, cells.c.policy, cells.c.policy_digest).where(cells.c.run_id.in_(newest))
         digests: dict[str, dict[str, str]] = {}
@@ -189,6 +204,7 @@ class History:
     def find(self, name: str) -> RunEntry | None:
         """The run with this id, else the newest in a folder of this name, else the newest whose id starts like it.
 
+        Runs that were played here come before those of others.
         A beginning of an id has `SHORTEST_ID` characters or more. Raises StoreError.
         """
         if not name:
@@ -197,7 +213,8 @@ class History:
         begins = runs.c.run_id.startswith(name, autoescape=True) if len(name) >= SHORTEST_ID else runs.c.run_id == name
         clause = sa.or_(called, begins)
         rank = sa.case((runs.c.run_id == name, 0), (called, 1), else_=2)
-        newest = sa.select(runs.c.run_id).where(clause).order_by(rank, runs.c.started_at.desc()).limit(1)
+        of_others = runs.c.run_id.in_(sa.select(imported_runs.c.run_id))
+        newest = sa.select(runs.c.run_id).where(clause).order_by(rank, of_others, runs.c.started_at.desc()).limit(1)
         return next(iter(self.entries(newest)), None)
 
     def document(self, run_id: str) -> RunDocument:
@@ -258,8 +275,8 @@ class History:
     def baseline(self, document: RunDocument) -> RunEntry | None:
         """The baseline of a run: the last good run of its suite that started before it and counts success alike.
 
-        A run is good if it is complete and was accepted, or if its verdict is none or one of `GOOD` and it was not
-        imported.
+        A run is good if it is complete, its rows are not the word of others, and it was accepted or its verdict is none
+        or one of `GOOD`.
 
         Raises:
             RunError: The document of a run has another format.
@@ -271,10 +288,8 @@ class History:
             runs.c.started_at < document.started_at,
             runs.c.run_id != document.run_id,
             runs.c.status == "complete",
-            sa.or_(
-                runs.c.accepted.is_(True),
-                sa.and_(~imported, sa.or_(runs.c.verdict.is_(None), runs.c.verdict.in_(GOOD))),
-            ),
+            ~imported,
+            sa.or_(runs.c.accepted.is_(True), runs.c.verdict.is_(None), runs.c.verdict.in_(GOOD)),
         )
         good = sa.select(runs.c.run_id).where(clause).order_by(runs.c.started_at.desc()).limit(NEWEST)
         rule = document.suite.success_rule
@@ -282,6 +297,11 @@ class History:
             ids = connection.scalars(good).all()
         alike = (run_id for run_id in ids if self.document(run_id).suite.success_rule is rule)
         return next(iter(self.entries([*islice(alike, 1)])), None)
+
+    def knows(self, run_id: str) -> bool:
+        """Whether the run is here. Raises StoreError."""
+        with self.database.reading() as connection:
+            return connection.scalar(sa.select(runs.c.run_id).where(runs.c.run_id == run_id)) is not None
 
     def folders(self) -> dict[str, tuple[str, str]]:
         """Folder to (run id, status) of all runs that have one. Raises StoreError."""
@@ -299,6 +319,13 @@ class History:
     def url(self) -> str:
         """URL of the store with its password, which must not be shown."""
         return self.database.engine.url.render_as_string(hide_password=False)
+
+
+def _rows_hash(text: str) -> str | None:
+    """The hash of the rows in a stored document; None if another version wrote it."""
+    with contextlib.suppress(RunError):
+        return parse_run(text, "a stored run").rows_hash
+    return None
 
 
 def _filtered(query: Any, suite: str | None, status: str | None) -> Any:

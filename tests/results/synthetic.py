@@ -14,6 +14,7 @@ from robogauntlet.results.analysis import robustness
 from robogauntlet.results.analysis.tables import CATEGORIES, COLUMNS, build_tables
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import PlannedCell, RunDocument, RunStatus, store_url, write_run
+from robogauntlet.results.run_owner import mark_as_own
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Cell, Condition, Protocol, content_hash
 from robogauntlet.suites.schema import Suite
@@ -127,9 +128,12 @@ def _behaviour(result, kind):
     }
 
 
-def run_folder(folder: Path, run: RunDocument, results) -> Path:
+def run_folder(folder: Path, run: RunDocument, results, *, own=True) -> Path:
+    """A run folder; `own`, if this user played it."""
     folder.mkdir(parents=True, exist_ok=True)
     write_run(folder, run)
+    if own:
+        mark_as_own(folder, run)
     with closing(Store.open(store_url(folder, run), run.run_id)) as store:
         store.add(list(results))
     return folder

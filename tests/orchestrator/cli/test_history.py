@@ -90,10 +90,11 @@ def test_the_leaderboard_gives_letters_and_no_ranks(run_command, runs):
 
 def test_a_run_is_exported_and_imported_as_one_file(run_command, runs, tmp_path):
     assert run_command("export", "runs/monday").out == "160 episodes into monday.robogauntlet\n"
-    result = run_command("import", "monday.robogauntlet", "--out", "elsewhere/monday")
+    history = f"sqlite:///{tmp_path}/elsewhere/history.sqlite"
+    result = run_command("import", "monday.robogauntlet", "--out", "elsewhere/monday", "--history", history)
     assert result.code == 0
     assert (tmp_path / "elsewhere" / "monday" / "report.html").exists()
-    assert "monday" in run_command("history", "--history", f"sqlite:///{tmp_path}/runs/history.sqlite").out
+    assert "complete, imported" in run_command("history", "--history", history).out
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Tests of results/store/run_history.py and results/store/history_import.py: many runs in one store."""
 
 import json
+import shutil
 from contextlib import closing
 
 import pytest
@@ -34,7 +35,7 @@ def test_a_run_is_found_by_its_id_its_beginning_or_its_folder(history, tmp_path)
     history.record(night(2), tmp_path / "second")
     assert history.find("run-2").name == "second"
     assert history.find("first").run_id == "run-1"
-    assert history.find("run-").run_id == "run-2"
+    assert history.find("run-") is None  # too short to name one
     assert history.find("%") is None
     assert history.find("") is None
 
@@ -176,14 +177,55 @@ def test_hidden_folders_are_no_runs(history, tmp_path):
     assert record_run_folders(history, tmp_path) == 0
 
 
-def test_an_imported_run_is_no_baseline_until_it_is_accepted(history):
+def test_an_imported_run_is_never_a_baseline(history):
     history.record(night(1))
     history.record(night(2, origin="imported"))
+    history.accept("run-2")
     assert history.baseline(night(3)).run_id == "run-1"
     assert not history.find("run-2").is_baseline_material
-    history.accept("run-2")
-    assert history.baseline(night(3)).run_id == "run-2"
-    assert history.find("run-2").is_baseline_material
+
+
+def test_a_run_that_was_accepted_is_so_for_its_rows(history):
+    history.record(night(1, rows_hash="a" * 16))
+    history.accept("run-1")
+    history.record(night(1, rows_hash="a" * 16, reason="the same rows"))
+    assert history.find("run-1").accepted
+    history.record(night(1, rows_hash="b" * 16))
+    assert not history.find("run-1").accepted
+
+
+def test_a_folder_that_was_played_elsewhere_is_recorded_as_the_word_of_others(history, tmp_path):
+    run_folder(tmp_path / "mine", night(1), [])
+    run_folder(tmp_path / "theirs", night(2), [], own=False)
+    assert record_run_folders(history, tmp_path) == 2
+    assert {entry.name: entry.imported for entry in history.runs()} == {"mine": False, "theirs": True}
+    assert history.baseline(night(3)).run_id == "run-1"
+
+
+def test_a_copy_of_a_run_is_named_and_changes_nothing(history, tmp_path):
+    run_folder(tmp_path / "monday", night(1), rows(planned=4))
+    assert record_run_folders(history, tmp_path) == 1
+    shutil.copytree(tmp_path / "monday", tmp_path / "a-copy")
+    for _ in range(2):
+        named = []
+        assert record_run_folders(history, tmp_path, named.append) == 0
+        assert named == [f"a-copy is passed over: a copy of {tmp_path / 'monday'}"]
+        assert [entry.name for entry in history.runs()] == ["monday"]
+
+
+def test_a_run_whose_folder_was_renamed_is_found_there(history, tmp_path):
+    run_folder(tmp_path / "monday", night(1), [])
+    record_run_folders(history, tmp_path)
+    (tmp_path / "monday").rename(tmp_path / "tuesday")
+    record_run_folders(history, tmp_path)
+    assert [(entry.name, entry.imported) for entry in history.runs()] == [("tuesday", False)]
+
+
+def test_a_run_of_others_that_starts_in_the_future_is_passed_over(history, tmp_path):
+    run_folder(tmp_path / "theirs", night(61_000), [], own=False)
+    named = []
+    assert record_run_folders(history, tmp_path, named.append) == 0
+    assert "expected a start in the past, got 2192-" in named[0]
 
 
 def test_a_history_says_which_runs_were_imported(history):

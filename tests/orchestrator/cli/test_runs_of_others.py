@@ -1,0 +1,129 @@
+"""A run that came from elsewhere, as a file or as a folder, is data: nothing that its author chose is used."""
+
+import shutil
+from contextlib import closing
+
+import pytest
+
+from robogauntlet.policies import catalog
+from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.run_document import read_run, store_url, write_run
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.run_archive import export_run
+from robogauntlet.suites.episode import Cell, Protocol
+from robogauntlet.suites.schema import policy_entry
+from tests.results.synthetic import document, row, run_folder
+
+RUN_ID = "0123456789abcdef0123456789abcdef"
+IMPORTED = "runs/small-01234567"
+
+
+def played(root, *policies, digest="0" * 16, **changes):
+    """The folder of a run of these policies, as its author has it, with an exported file beside it."""
+    entries = [policy_entry(one) if isinstance(one, str) else one for one in policies]
+    of = [Cell(entry["name"], digest, "null/Reach", Protocol(horizon=20)) for entry in entries[:1]]
+    results = [row(cell, seed) for cell in of for seed in range(2)]
+    values = {"run_id": RUN_ID, "name": "small", "policies": entries, "tasks": ["null/Reach"]}
+    values |= {"rows_hash": rows_hash(map(outcome_row, results)), "command": "touch stolen"}
+    run = document(2, of=of, **{**values, **changes})
+    folder = run_folder(root / "theirs", run, results, own=False)
+    with closing(Store.open(store_url(folder, run), run.run_id)) as store:
+        export_run(run, store, root / "run.robogauntlet")
+    return folder
+
+
+def popen(marker):
+    """A policy that is a command of its author."""
+    options = {"callable": "subprocess:Popen", "options": {"args": f"touch {marker}", "shell": True}}
+    return {"name": "evil", "kind": "python", "options": options}
+
+
+VERBS = {
+    "verify": ("verify", "FOLDER", "--sample", "1"),
+    "replay": ("replay", "--run", "FOLDER", "--policy", "evil", "--task", "null/Reach", "--seed", "0"),
+    "export": ("export", "FOLDER", "--format", "lerobot-dataset", "--status", "success"),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("form", ["imported", "copied"])
+def test_a_command_of_the_author_is_not_executed(run_command, tmp_path, form, verb):
+    evil, marker = popen(tmp_path / "stolen"), tmp_path / "stolen"
+    folder = played(tmp_path, evil, digest=catalog.digest("python", evil["options"]))
+    if form == "imported":
+        assert run_command("import", tmp_path / "run.robogauntlet").code == 0
+        folder = IMPORTED
+    line = run_command(*(str(folder) if word == "FOLDER" else word for word in VERBS[verb])).refusal
+    assert "you did not play this run in this folder" in line
+    assert line.endswith("play it from a suite file of yours: --suite FILE")
+    assert not marker.exists()
+
+
+def test_a_suite_of_ones_own_says_which_policies_are_played(run_command, tmp_path):
+    folder = played(tmp_path, popen(tmp_path / "stolen"))
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("name: small\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
+    line = run_command("verify", folder, "--suite", mine).refusal
+    assert line == "suite 'small' lacks the run's policy 'evil'; name the suite that was played"
+    mine.write_text(mine.read_text().replace("[oracle]", "[{name: evil, kind: oracle}]"))
+    assert "policy 'evil' has changed since the run" in run_command("verify", folder, "--suite", mine).refusal
+    assert not (tmp_path / "stolen").exists()
+
+
+def test_the_rows_of_a_run_of_others_are_checked_without_playing(run_command, tmp_path):
+    done = run_command("verify", played(tmp_path, popen(tmp_path / "stolen")), "--sample", "0")
+    assert done.code == 0
+    assert "as in run.json" in done.out
+
+
+def test_a_run_of_ones_own_is_played_from_its_document(run_command, tmp_path):
+    folder = played(tmp_path, "oracle")
+    run_folder(folder, read_run(folder), [])
+    assert "policy 'oracle' has changed since the run" in run_command("verify", folder).refusal
+
+
+def test_an_imported_run_is_not_continued(run_command, tmp_path):
+    played(tmp_path, "oracle")
+    assert run_command("import", tmp_path / "run.robogauntlet").code == 0
+    suite = tmp_path / "small.yaml"
+    suite.write_text("name: small\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
+    line = run_command("run", suite, "--out", IMPORTED).refusal
+    assert line == f"{IMPORTED}: an imported run is not continued; play the suite in a folder of your own: --out"
+
+
+def test_an_import_never_takes_the_place_of_a_run(run_command, tmp_path):
+    folder = played(tmp_path, "oracle")
+    (tmp_path / "runs").mkdir()
+    shutil.move(folder, tmp_path / "runs" / "monday")
+    run_folder(tmp_path / "runs" / "monday", read_run(tmp_path / "runs" / "monday"), [])
+    before = run_command("history").out
+    line = run_command("import", tmp_path / "run.robogauntlet").refusal
+    assert line.endswith(f"is in the history already, in {tmp_path}/runs/monday; nothing is imported")
+    assert not (tmp_path / IMPORTED).exists()
+    assert run_command("history").out == before
+
+
+def test_an_import_from_the_future_is_refused(run_command, tmp_path):
+    played(tmp_path, "oracle", started_at=7.2e9)
+    line = run_command("import", tmp_path / "run.robogauntlet").refusal
+    assert "expected a start in the past, got 2198-" in line
+    assert not (tmp_path / IMPORTED).exists()
+
+
+def test_an_imported_run_is_no_baseline_and_on_a_leaderboard_only_if_asked_for(run_command, tmp_path):
+    played(tmp_path, "oracle")
+    assert run_command("import", tmp_path / "run.robogauntlet").code == 0
+    assert "a run of others is never a baseline" in run_command("accept", "small-01234567").refusal
+    assert "runs of others count with --imported" in run_command("leaderboard", "small").refusal
+    assert "small-01234567 (imported)" in run_command("leaderboard", "small", "--imported").out
+
+
+def test_an_imported_run_says_so_and_repeats_no_command_of_its_author(run_command, tmp_path):
+    played(tmp_path, "oracle")
+    assert run_command("import", tmp_path / "run.robogauntlet").code == 0
+    folder = tmp_path / IMPORTED
+    assert read_run(folder).origin == "imported"
+    write_run(folder, read_run(folder).model_copy(update={"media_left_out": 3}))
+    assert run_command("report", folder).code == 0
+    assert "Complete, imported" in (folder / "report.md").read_text()
+    assert "touch stolen" not in (folder / "report.html").read_text()
