@@ -158,7 +158,7 @@ def test_mistakes_are_one_line_and_nothing_is_started(here):
     refused(r"seeds: expected their number, such as 20, got range\(0, 3\)", seeds=range(3))
     refused("tasks: expected a task, or a list of them, got None", tasks=None)
     refused("conditions: expected a condition, or a list of them, got 2", conditions=2)
-    refused("unknown condition 'noize'; did you mean 'noise'?", conditions=["noize:2"])
+    refused("unknown condition 'noize'; did you mean 'noise'?", conditions=["noize@2"])
     refused("unknown key 'imagesize'; did you mean 'image_size'?", imagesize=32)
     refused("got 'orcale'; did you mean 'oracle'?", policy="orcale")
     refused("policy 'oracle' has no option 'x'", policy="oracle", options={"x": 1})
