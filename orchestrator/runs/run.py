@@ -34,7 +34,7 @@ from robogauntlet.results.record import EpisodeResult, Status, outcome_row, rows
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, shortened, store_url, write_run
 from robogauntlet.results.run_owner import mark_as_own
 from robogauntlet.results.store.database import without_password
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.results.store.episode_store import Store, StoreError, check_place
 from robogauntlet.suites.episode import Cell
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import describe_os_error, first_line
@@ -120,6 +120,8 @@ def run_plan(
         RunError: The folder's document cannot be read, or its rows are in a database whose URL was not given.
         StoreError: The store cannot be opened.
     """
+    for url in filter(None, (options.store, options.history)):
+        check_place(folder, url)
     with tracker or contextlib.nullcontext(), lock_folder(folder, for_run=True), contextlib.ExitStack() as stack:
         session = RunSession(plan, folder, options, progress, stack, tracker, rounds)
         session.play()

@@ -13,7 +13,15 @@ from urllib.parse import quote
 import sqlalchemy as sa
 from sqlalchemy.dialects import sqlite
 
-from robogauntlet.results.store.sqlite_file import BUSY_S, tune, use_write_ahead_log, why_no_database, why_not_opened
+from robogauntlet.results.store.sqlite_file import (
+    BUSY_S,
+    file_of,
+    tune,
+    use_write_ahead_log,
+    why_no_database,
+    why_no_url,
+    why_not_opened,
+)
 from robogauntlet.support.errors import first_line
 
 BACKENDS = ("sqlite", "postgresql")
@@ -86,8 +94,7 @@ class Database:
     def file(self) -> Path | None:
         """The file of an SQLite database, if its URL names one plainly."""
         url = self.engine.url
-        plain = url.get_backend_name() == "sqlite" and "uri" not in url.query
-        return Path(url.database) if plain and url.database not in (None, "", ":memory:") else None
+        return file_of(url) if url.get_backend_name() == "sqlite" and "uri" not in url.query else None
 
     def _prepare(self, schema: Schema, create: bool) -> None:
         existing = set(sa.inspect(self.engine).get_table_names())
@@ -227,6 +234,8 @@ def parse(url: str) -> sa.URL:
     if parsed.get_backend_name() not in BACKENDS:
         where = _shown(parsed)
         raise StoreError(f"{where}: expected an sqlite or postgresql URL, got {parsed.get_backend_name()}")
+    if parsed.get_backend_name() == "sqlite" and (reason := why_no_url(parsed)):
+        raise StoreError(f"{_shown(parsed)}: {reason}")
     return parsed
 
 

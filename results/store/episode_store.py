@@ -10,11 +10,26 @@ from typing import Any
 import sqlalchemy as sa
 
 from robogauntlet.results.record import FIELDS, EpisodeResult, rows_hash
-from robogauntlet.results.run_document import RunDocument, store_url
-from robogauntlet.results.store.database import Database, StoreError, file_url, parse
+from robogauntlet.results.run_document import STORE_FILE, RunDocument, store_url
+from robogauntlet.results.store.database import Database, StoreError, file_url, parse, without_password
 from robogauntlet.results.store.schema import SCHEMA, episodes, runs
+from robogauntlet.results.store.sqlite_file import file_of
 
 __all__ = ["Store", "StoreError", "file_url"]
+
+
+def check_place(folder: Path, url: str) -> None:
+    """Raise StoreError if the store at `url` would take the place of another file of a run folder."""
+    found = parse(url)
+    file = None if found.get_backend_name() != "sqlite" else file_of(found)
+    if file is None:
+        return
+    file, folder = file.absolute().resolve(), folder.absolute().resolve()
+    if folder in (file, *file.parents) and file != folder / STORE_FILE:
+        raise StoreError(
+            f"{without_password(url)}: expected a store outside of the run folder {folder}, or its {STORE_FILE}, which "
+            "is taken without --store"
+        )
 
 
 class Store:
@@ -46,8 +61,8 @@ class Store:
         """
         address = store_url(folder, document, url)
         found = parse(address)
-        file = found.database if found.get_backend_name() == "sqlite" and "uri" not in found.query else None
-        if file is not None and not Path(file).exists():
+        file = file_of(found) if found.get_backend_name() == "sqlite" else None
+        if file is not None and not file.exists():
             raise StoreError(f"{file}: expected the store of the run in {folder}, there is no such file")
         store = cls.open(address, document.run_id, create=False)
         if url is not None and not store.knows_run():

@@ -5,6 +5,7 @@ SQLite's locks belong to the process: closing any other descriptor of the file e
 
 from __future__ import annotations
 
+import math
 import os
 import sqlite3
 import stat
@@ -13,11 +14,53 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy.util import asbool
 
 BUSY_S = 30.0
 """Time to wait for another process that writes (s)."""
 SHORTEST = 512
 """Smallest size of a database (bytes). SQLite takes a shorter file for an empty database, and would overwrite it."""
+
+BOOLEANS = ("uri", "check_same_thread", "immutable", "nolock", "psow")
+WORDS = {"mode": ("ro", "rw", "rwc"), "cache": ("shared", "private"), "vfs": None}
+"""Parameters of SQLite's own URLs, which `uri=true` turns on, with their values; None for any."""
+
+
+def why_no_url(url: sa.URL) -> str | None:
+    """Return what is wrong with the URL of an SQLite store: it names no file, or a parameter is none of SQLite's."""
+    if file_of(url) is None:
+        return "expected the file of a store, as in sqlite:///FILE; a store in memory loses its rows"
+    for name, value in url.query.items():
+        if not isinstance(value, str):
+            return f"expected the parameter {name} once"
+        if name == "timeout":
+            if not _is_time(value):
+                return f"timeout={value}: expected a number of seconds"
+        elif name in BOOLEANS:
+            if value.lower() not in ("true", "false", "1", "0", "yes", "no", "on", "off"):
+                return f"{name}={value}: expected true or false"
+        elif name not in WORDS:
+            return f"unknown parameter '{name}'; known: {', '.join(('timeout', *BOOLEANS, *WORDS))}"
+        elif (known := WORDS[name]) and value not in known:
+            return f"{name}={value}: expected one of {', '.join(known)}"
+        if name not in ("timeout", "uri", "check_same_thread") and not asbool(url.query.get("uri", "false")):
+            return f"expected uri=true beside {name}={value}, and file:FILE in place of FILE"
+    return None
+
+
+def _is_time(text: str) -> bool:
+    try:
+        return 0 <= float(text) < math.inf
+    except ValueError:
+        return False
+
+
+def file_of(url: sa.URL) -> Path | None:
+    """The file that a URL of SQLite names, None for a store in memory."""
+    name = url.database or ""
+    if "uri" in url.query:
+        name = name.removeprefix("file:")
+    return None if name in ("", ":memory:") else Path(name)
 
 
 def why_no_database(file: Path, *, create: bool) -> str | None:

@@ -240,6 +240,29 @@ RUNS = [
         "mine.png: expected a new file, or a contact sheet to replace, this is another file; name a new one",
         {"mine.png": b"\x89PNG\r\n\x1a\n"},
     ),
+    *(
+        Case(f"run suite.yaml --out new {option} 'sqlite:///new/{name}'", "a store outside of the run folder")
+        for option in ("--store", "--history")
+        for name in ("run.json", "report.html", "media/x.sqlite", "../new/run.json")
+    ),
+    Case(
+        "run suite.yaml --out new --store 'sqlite:///file:new/run.json?uri=true'", "a store outside of the run folder"
+    ),
+    *(
+        Case(f"{verb} '{url}'", says)
+        for verb in ("run suite.yaml --out new --store", "report runs/monday --store", "history --history")
+        for url, says in {
+            "sqlite:///x?timeout=abc": "timeout=abc: expected a number of seconds",
+            "sqlite:///x?timeout=nan": "timeout=nan: expected a number of seconds",
+            "sqlite:///x?timeout=-1": "timeout=-1: expected a number of seconds",
+            "sqlite:///x?timeout=1&timeout=2": "expected the parameter timeout once",
+            "sqlite:///x?check_same_thread=maybe": "check_same_thread=maybe: expected true or false",
+            "sqlite:///x?timeuot=5": "unknown parameter 'timeuot'; known: timeout, uri,",
+            "sqlite:///x?mode=ro": "expected uri=true beside mode=ro",
+            "sqlite:///file:x?mode=memory&uri=true": "mode=memory: expected one of ro, rw, rwc",
+            "sqlite://": "expected the file of a store, as in sqlite:///FILE; a store in memory loses its rows",
+        }.items()
+    ),
     Case("report runs/odd", "run.json: cannot be read", {"runs/odd/run.json/x": ""}),
 ]
 CASES = [
