@@ -115,6 +115,8 @@ class EnvironmentMapping(_Strict):
     success: Expression
     goal: MappedGoal | None = None
     """What has to be achieved, from which progress and the kinds of failures are measured."""
+    terminates: Literal[True] = True
+    """Whether an episode ends where the environment ends it, as it always does: mappings may say so."""
     cameras: Cameras = Cameras()
 
     @model_validator(mode="after")

@@ -351,11 +351,15 @@ def why_impossible(condition: Condition, task: str) -> str | None:
 
 
 def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:
-    """Refuse to continue a run with another suite or with changed policies.
+    """Refuse to continue a run with another suite or with changed policies, or one that was imported.
 
     Raises:
         PlanError: The plan differs from the run; the message says how.
     """
+    if document.origin != "local":
+        raise PlanError(
+            f"{folder}: an imported run is not continued; play the suite in a folder of your own: --out NEW"
+        )
     if plan.suite_hash == document.suite_hash:
         return
     if plan.suite_hash == UNKNOWN and plan.unchecked:

@@ -41,10 +41,6 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
     workers = {} if plan.suite.workers == "auto" else {name: plan.suite.worker_count(name) for name in available}
     if (folder / RUN_FILE).exists():
         document = read_run(folder)
-        if document.origin != "local":
-            raise PlanError(
-                f"{folder}: an imported run is not continued; play the suite in a folder of your own: --out"
-            )
         check_same(plan, document, folder)
         changes = {
             "status": RunStatus.RUNNING,

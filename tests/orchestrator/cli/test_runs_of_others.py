@@ -88,7 +88,7 @@ def test_an_imported_run_is_not_continued(run_command, tmp_path):
     suite = tmp_path / "small.yaml"
     suite.write_text("name: small\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
     line = run_command("run", suite, "--out", IMPORTED).refusal
-    assert line == f"{IMPORTED}: an imported run is not continued; play the suite in a folder of your own: --out"
+    assert line == f"{IMPORTED}: an imported run is not continued; play the suite in a folder of your own: --out NEW"
 
 
 def test_an_import_never_takes_the_place_of_a_run(run_command, tmp_path):
