@@ -229,11 +229,13 @@ def _print_numbers(outcome: RunOutcome) -> None:
     out.print(unread if outcome.done is None else f"{outcome.done:,} of {planned} in {duration}", end="")
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
     if outcome.report is not None:
-        print_line(f"report: {outcome.folder / 'report.html'}")
+        print_line(f"report: {outcome.report.paths.html}")
 
 
 def _conclude(outcome: RunOutcome, command: str, continuing: str) -> None:
     document = outcome.document
+    if document.command is not None and document.command != command:  # it continues elsewhere
+        command, continuing = document.command, document.command + continuing.removeprefix(command)
     if document.media_left_out and not outcome.media_interrupted:
         print_line(
             f"not recorded: {counted(document.media_left_out, 'video or snapshot', 'videos and snapshots')}; "

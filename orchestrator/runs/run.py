@@ -21,24 +21,21 @@ from robogauntlet.orchestrator.ray_runtime.session import (
 )
 from robogauntlet.orchestrator.replay.media_selection import condition_snapshots, first_failures, shared_by
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression
-from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.plan import Plan, remaining_work
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.orchestrator.runs.run_observer import RunObserver
+from robogauntlet.orchestrator.runs.run_place import RunPlace
 from robogauntlet.orchestrator.runs.run_tracking import RunTracking
 from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.results.folder_lock import FolderError, lock_folder
+from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.record import EpisodeResult, Status, outcome_row, rows_hash
-from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, shortened, store_url, write_run
-from robogauntlet.results.run_owner import mark_as_own
-from robogauntlet.results.store.database import without_password
-from robogauntlet.results.store.episode_store import Store, StoreError, check_place
+from robogauntlet.results.run_document import RunDocument, RunStatus, shortened, write_run
+from robogauntlet.results.store.episode_store import StoreError, check_place
 from robogauntlet.suites.episode import Cell
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import describe_os_error, first_line
-from robogauntlet.support.files import write_whole
 from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
@@ -144,31 +141,19 @@ class RunSession:
         rounds: Rounds | None = None,
     ) -> None:
         """Create or continue the run; `stack` closes its stores and ends Ray."""
-        self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
+        self._plan, self._options, self._progress = plan, options, progress
         self._rounds = rounds
         self._ray = stack.enter_context(contextlib.ExitStack())
-        continued, url = (folder / RUN_FILE).exists(), options.store
-        if not continued and plan.path.exists() and plan.path.read_text(encoding="utf-8") != plan.text:
-            raise FolderError(f"{plan.path}: expected no other suite in the folder of a new run; choose another folder")
-        document = create_or_continue(plan, folder, url).model_copy(update={"command": options.command})
+        document = create_or_continue(plan, folder, options.store).model_copy(update={"command": options.command})
         self._document = document
-        if continued and url is not None and without_password(url) != document.store_url:
-            Store.open_begun(folder, document, url).close()  # another store, which must contain the run's rows
-        self._store = Store.open(store_url(folder, document, url), document.run_id)
-        stack.callback(self._store.close)
-        try:
-            if not plan.path.exists():  # composed of options
-                write_whole(plan.path, plan.text)
-            mark_as_own(folder, document)
-            write_run(folder, document)
-        except OSError as error:
-            raise FolderError(f"{folder}: {describe_os_error(error)}") from None
-        self._history_writer = HistoryWriter(folder, self._store, options.history or url, options.schedule)
-        stack.callback(self._history_writer.close)
+        self._place = RunPlace(plan, folder, document, options.store)
+        stack.callback(lambda: self._place.store.close())
+        self._history_writer = self._place.open_history(options.history, options.schedule)
+        stack.callback(lambda: self._history_writer.close())
         self._history_writer.record(document, counted=False)
         if options.retry_errors:
-            self._store.forget_errors()
-        self._tracking = RunTracking(tracker, document, folder, self._store, progress)
+            self._place.store.forget_errors()
+        self._tracking = RunTracking(tracker, document, folder, self._place.store, progress)
         self._observer = RunObserver(
             document, plan.unavailable, progress, self._history_writer, self._tracking, self._save_elapsed
         )
@@ -180,12 +165,20 @@ class RunSession:
         self._phase = "elapsed_s"
         self._began = self._saved = time.monotonic()
 
+    def _stay_saved(self) -> None:
+        """Continue beside the run's place if that is lost. Raises as `RunPlace.save_beside`."""
+        if self._place.is_lost:
+            self._document = self._place.save_beside(self._document)
+            self._status, self._reason = RunStatus.STOPPED, self._document.reason
+            self._history_writer.close()
+            self._history_writer = self._place.open_history(self._options.history, self._options.schedule)
+
     def play(self) -> None:
         """Play missing episodes. Errors that a run survives become its status."""
         from robogauntlet.orchestrator.scheduling.scheduler import TooManyErrors
         from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 
-        self._progress.begin(self._plan, self._store.status_counts())
+        self._progress.begin(self._plan, self._place.store.status_counts())
         try:
             self._through_ray_restarts(self._play_missing)
         except KeyboardInterrupt:
@@ -233,7 +226,7 @@ class RunSession:
             while work:
                 pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments)
                 queues = work_queues(work, suite.max_attempts)
-                sink, start_s = self._store.add, self._start_s
+                sink, start_s = self._place.add, self._start_s
                 Scheduler(queues, pool, scheduling, sink=sink, observer=self._observer, start_s=start_s).run()
                 before, work = work, self._remaining_work() if suite.adaptive or self._rounds else []
                 if work == before:  # the remaining episodes cannot be played here
@@ -245,7 +238,7 @@ class RunSession:
 
     def _remaining_work(self) -> list[tuple[Cell, Sequence[int]]]:
         """The remaining work; if there are rounds, of the current one."""
-        outcomes, skipped = self._store.outcomes(), self._observer.skipped_simulators
+        outcomes, skipped = self._place.store.outcomes(), self._observer.skipped_simulators
         if self._rounds is None:
             state = remaining_work(self._plan, outcomes, skipped)
         else:
@@ -258,12 +251,13 @@ class RunSession:
         """Write the document and the report of what was played."""
         done, digest, played = None, None, True
         try:
-            counts = self._store.status_counts()
+            self._stay_saved()
+            counts = self._place.store.status_counts()
             done, played = sum(counts.values()), any(status != Status.ERROR for _, status in counts)
-            digest = rows_hash(map(outcome_row, self._store.results()))
-        except StoreError as error:
+            digest = rows_hash(map(outcome_row, self._place.store.results()))
+        except (OSError, StoreError) as error:
             if self._status is RunStatus.COMPLETE:
-                self._status, self._reason = RunStatus.STOPPED, first_line(error)
+                self._status, self._reason = RunStatus.STOPPED, first_line(describe_os_error(error))
         missing = 0 if done is None else self._document.planned - done
         if self._status is RunStatus.COMPLETE and missing > 0 and not self._observer.skipped_simulators:
             self._status, self._reason = RunStatus.STOPPED, f"{counted(missing, 'episode')} missing"
@@ -290,7 +284,7 @@ class RunSession:
 
     def finish_tracking(self, outcome: RunOutcome) -> RunOutcome:
         """Send the videos to the experiment tracker, and wait a moment until it has everything."""
-        logged, warnings = self._tracking.finish(self._store.results)
+        logged, warnings = self._tracking.finish(self._place.store.results)
         return replace(outcome, logged=logged, warnings=outcome.warnings + warnings)
 
     def record_media(self, concluded: RunOutcome) -> RunOutcome:
@@ -315,8 +309,8 @@ class RunSession:
 
         plan, skipped, evaluated = self._plan, self._observer.skipped_simulators, self._evaluated()
         snapshots = condition_snapshots(plan.cells, plan.suite.seeds.start)
-        in_clusters = cluster_failures(self._document, self._store.results)
-        pending = pending_media(self._folder, self._store.results, evaluated, snapshots, in_clusters)
+        in_clusters = cluster_failures(self._document, self._place.store.results)
+        pending = pending_media(self._place.folder, self._place.store.results, evaluated, snapshots, in_clusters)
         return [item for item in pending if item.simulator not in skipped]
 
     def _evaluated(self) -> list[str]:
@@ -331,7 +325,7 @@ class RunSession:
         attempted, end = False, self._began + share_s - self._document.media_s
         if share_s < FIRST_FAILURES_S and self._document.media_s == 0.0:
             evaluated = self._evaluated()
-            shown = {shared_by(row) for row in first_failures(self._store.results(), evaluated)}
+            shown = {shared_by(row) for row in first_failures(self._place.store.results(), evaluated)}
             first = [item for item in missing if isinstance(item, EpisodeResult) and shared_by(item) in shown]
             attempted = self._record(first, self._began + FIRST_FAILURES_S)
             missing = [item for item in missing if item not in first]
@@ -363,23 +357,29 @@ class RunSession:
 
             self._ray.enter_context(ray_session(address=self._options.address, workers=0))
             left_s, environments = end - time.monotonic(), self._plan.environments
-            record_media(self._folder, pending, self._sources(), on_recorded, environments, left_s)
+            record_media(self._place.folder, pending, self._sources(), on_recorded, environments, left_s)
         return True
 
     def _write(self, done: int | None) -> RunOutcome:
-        """Write the document, and the report unless the run was interrupted before its first row."""
+        """Write the document, and the report unless the run was interrupted before its first row.
+
+        A complete run whose report could not be written is a stopped one.
+        """
         report, warnings = None, self._observer.warnings
         try:
-            write_run(self._folder, self._document)
+            self._stay_saved()
+            write_run(self._place.folder, self._document)
             self._history_writer.record(self._document)
             if done != 0 or self._document.status is not RunStatus.INTERRUPTED:  # Ctrl-C at the start ends soon
                 from robogauntlet.results.report import write_report
 
-                report = write_report(self._folder, store_url=self._options.store)
+                report = write_report(self._place.folder, store_url=self._place.url)
         except (OSError, StoreError) as error:
-            remedy = f"write it later: robogauntlet report {self._folder}"
-            warnings.append(f"the report could not be written: {describe_os_error(error)}; {remedy}")
-        return RunOutcome(self._folder, self._document, done, report, warnings + self._history_writer.warnings)
+            reason = f"the report could not be written: {describe_os_error(error)}"
+            warnings.append(f"{reason}; write it later: robogauntlet report {self._place.folder}")
+            if self._document.status is RunStatus.COMPLETE:
+                self._update(status=RunStatus.STOPPED, reason=shortened(reason))
+        return RunOutcome(self._place.folder, self._document, done, report, warnings + self._history_writer.warnings)
 
     def _update(self, **values: object) -> None:
         self._document = self._document.model_copy(update=values)
@@ -390,7 +390,7 @@ class RunSession:
 
     def _save_elapsed(self) -> None:
         """Save the elapsed time every `SAVE_ELAPSED_S`, because a killed session cannot save it at its end."""
-        if time.monotonic() - self._saved >= SAVE_ELAPSED_S:
+        if time.monotonic() - self._saved >= SAVE_ELAPSED_S and not self._place.is_lost:
             self._saved = time.monotonic()
-            with contextlib.suppress(OSError):  # the store will notice a full disk
-                write_run(self._folder, self._document.model_copy(update=self._elapsed()))
+            with contextlib.suppress(OSError):  # the store will notice a full disk, and a lost folder
+                write_run(self._place.folder, self._document.model_copy(update=self._elapsed()))

@@ -75,6 +75,17 @@ class Store:
             raise StoreError(f"{where}: expected the rows of the run in {folder}, it has none; restore it from a copy")
         return store
 
+    @property
+    def file(self) -> Path | None:
+        """The file with the rows; None if they are on a server."""
+        url = self.database.engine.url
+        return file_of(url) if url.get_backend_name() == "sqlite" else None
+
+    def save_copy(self, file: Path) -> None:
+        """Copy the whole store, if it is a file, into a new one, also after its name has gone. Raises StoreError."""
+        with self.database.reading() as connection:
+            connection.exec_driver_sql("VACUUM INTO ?", (str(file),))
+
     @classmethod
     def open_file(cls, path: Path, run_id: str) -> Store:
         """Open an SQLite store in a file. Raises StoreError."""

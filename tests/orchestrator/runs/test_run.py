@@ -268,6 +268,17 @@ def test_rows_that_cannot_be_read_at_the_end_are_not_counted_as_none(finished, s
     assert outcome.document.reason == "db: server closed the connection"
 
 
+def test_a_complete_run_without_a_report_is_stopped(finished, suite):
+    (finished.folder / "report.html").unlink()
+    (finished.folder / "report.html").mkdir()
+    outcome = finished(suite())
+    assert outcome.report is None
+    assert outcome.document.status is RunStatus.STOPPED
+    assert "the report could not be written: " in outcome.document.reason
+    (finished.folder / "report.html").rmdir()
+    assert finished(suite()).document.status is RunStatus.COMPLETE
+
+
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path, suite):
     (tmp_path / "run").write_text("I am a file")
     with pytest.raises(FolderError, match="expected a folder, this is a file"):
