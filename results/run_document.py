@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import Suite
-from robogauntlet.support.files import write_whole
+from robogauntlet.support.files import RefusedFile, read_regular, write_whole
 
 RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
@@ -227,11 +227,11 @@ def read_run(folder: Path) -> RunDocument:
             f"{folder}: expected a run folder, {'this is a file' if folder.exists() else 'it does not exist'}"
         )
     try:
-        if (size := path.stat().st_size) > LARGEST:
-            raise RunError(f"{path}: expected a run document of at most {LARGEST:,} bytes, got {size:,}")
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, LARGEST).decode()
     except FileNotFoundError:
         raise RunError(f"{folder}: expected a run folder, it has no {RUN_FILE}") from None
+    except RefusedFile as error:
+        raise RunError(f"{path}: expected a run document, got {error}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise RunError(f"{path}: cannot be read: {error}") from None
     return parse_run(text, str(path))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -11,6 +12,7 @@ from typing import Any
 import yaml
 
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.files import open_regular
 
 MAX_BYTES = 1_000_000
 MAX_VALUES = 100_000
@@ -62,7 +64,9 @@ def read_yaml(path: Path, what: str) -> str:
     try:
         if path.is_dir():
             raise YamlError(f"expected {what}, this is a directory")
-        with path.open("rb") as file:
+        if str(path) == os.devnull:  # named in place of a configuration to have none
+            return ""
+        with open_regular(path) as file:
             raw = file.read(MAX_BYTES + 1)
         if len(raw) > MAX_BYTES:
             raise YamlError(f"expected {what} of at most {MAX_BYTES} bytes, this has {_size(path)}")

@@ -40,7 +40,7 @@ from robogauntlet.suites.episode import CONTROLS, Condition, Perturbation, Succe
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, valid_name
 from robogauntlet.support.errors import BadInput, UserError, describe_os_error
-from robogauntlet.support.files import write_whole
+from robogauntlet.support.files import read_regular, write_whole
 from robogauntlet.support.json_text import parse_json
 from robogauntlet.support.text import counted
 
@@ -179,7 +179,7 @@ def _claim(folder: Path, request: SearchRequest, stack: ExitStack) -> None:
         _write(folder, {**_arguments(request), "status": "running"})
         return
     try:
-        begun = parse_json(file.read_bytes())
+        begun = parse_json(read_regular(file))
     except (OSError, ValueError) as error:
         raise BadInput(f"{file}: {error}") from None
     for name, value in _arguments(request).items():

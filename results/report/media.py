@@ -17,10 +17,13 @@ from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
+from robogauntlet.support.files import read_regular
 
 if TYPE_CHECKING:
     import pandas as pd
 
+LARGEST_VIDEO = 1_000_000_000
+"""Bytes."""
 VIDEO_BUDGET = 9_000_000
 """Maximum size of the videos in one report, before base64 encoding (bytes)."""
 POSTER_SIZE = 256
@@ -103,7 +106,7 @@ def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budg
     `episodes.parquet`. If the videos exceed `budget` bytes, representative videos have priority, then smaller files.
     """
     names = {cell.policy_digest: cell.policy for cell in document.plan}
-    files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if path.is_file()}
+    files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if _is_own_file(folder, path)}
     recorded = _with_video(folder, frame, files)
     recorded = recorded.loc[recorded["status"].astype(str).isin([Status.SUCCESS, Status.FAILURE])]
     recorded = recorded.assign(perturbed=recorded["axis"].astype(str) != CLEAN)
@@ -161,17 +164,32 @@ def _strip(folder: Path, task: str, axis: str, severities: Sequence[int]) -> Str
     files = {}
     for condition in (Condition(), *(Condition(axis, severity) for severity in severities)):
         with contextlib.suppress(OSError):
-            files[condition] = snapshot_path(folder, task, condition).read_bytes()
+            files[condition] = _read_picture(folder, snapshot_path(folder, task, condition))
     if Condition() not in files or len(set(files.values())) < 2:
         return None
     snapshots = (Snapshot(condition, source) for condition, file in files.items() if (source := _still(file)))
     return Strip(task, tuple(snapshots))
 
 
+def _is_own_file(folder: Path, path: Path) -> bool:
+    """Whether a path is a file of the run folder: no device or pipe, and no link to the reader's own files."""
+    try:
+        return path.is_file() and path.resolve(strict=True).is_relative_to(folder.resolve(strict=True))
+    except (OSError, RuntimeError):  # links in a circle
+        return False
+
+
+def _read_picture(folder: Path, path: Path) -> bytes:
+    """The content of a picture of the run. Raises OSError."""
+    if not _is_own_file(folder, path):
+        raise FileNotFoundError(path)
+    return read_regular(path)
+
+
 def task_picture(folder: Path, task: str) -> str | None:
     """Return the image of a task as data URI, or None if it cannot be read."""
     try:
-        return _still(picture_path(folder, task).read_bytes())
+        return _still(_read_picture(folder, picture_path(folder, task)))
     except OSError:
         return None
 
@@ -211,7 +229,7 @@ def _embed(videos: Sequence[Video], budget: int, first: dict[Path, Video]) -> tu
         if first[video.path].episode_id != video.episode_id:
             video = replace(video, same_as=first[video.path])
         elif video.episode_id in fitting:
-            frame, source = last_frame(video.path), _data_uri("video/mp4", video.path.read_bytes())
+            frame, source = last_frame(video.path), _data_uri("video/mp4", read_regular(video.path, LARGEST_VIDEO))
             video = replace(video, source=source, poster=None if frame is None else _still(frame))
         embedded.append(video)
     return tuple(embedded), budget
@@ -223,8 +241,9 @@ def last_frame(path: Path) -> bytes | None:
 
     try:
         ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
-        # Decodes the last half second and lets each frame overwrite the one before it.
-        command = [ffmpeg, "-v", "error", "-sseof", "-0.5", "-i", str(path.resolve())]
+        # Decodes the last half second and lets each frame overwrite the one before it. With -f, nothing in the file
+        # can make it a list of other files.
+        command = [ffmpeg, "-v", "error", "-f", "mp4", "-sseof", "-0.5", "-i", str(path.resolve())]
         command += ["-update", "1", "-c:v", "png", "-f", "image2pipe", "-"]
         output = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=20, check=True).stdout
     except (OSError, RuntimeError, subprocess.SubprocessError):

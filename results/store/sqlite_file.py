@@ -21,6 +21,8 @@ BUSY_S = 30.0
 SHORTEST = 512
 """Smallest size of a database (bytes). SQLite takes a shorter file for an empty database, and would overwrite it."""
 
+COMPANIONS = ("-journal", "-wal", "-shm")
+"""Ends of the names of the files that SQLite keeps beside a database."""
 BOOLEANS = ("uri", "check_same_thread", "immutable", "nolock", "psow")
 WORDS = {"mode": ("ro", "rw", "rwc"), "cache": ("shared", "private"), "vfs": None}
 """Parameters of SQLite's own URLs, which `uri=true` turns on, with their values; None for any."""
@@ -66,6 +68,9 @@ def file_of(url: sa.URL) -> Path | None:
 def why_no_database(file: Path, *, create: bool) -> str | None:
     """Return why the file cannot be a database or, with `create`, become one; None if it may be, or cannot be seen."""
     try:
+        beside = [path for end in COMPANIONS if (path := Path(f"{file}{end}")).exists() and not path.is_file()]
+        if beside:  # SQLite waits for what comes from a named pipe
+            return f"{beside[0].name} beside it is no file"
         found = file.stat()
     except FileNotFoundError:
         return None if create else "there is no such file"

@@ -221,7 +221,9 @@ RUNS = [
     Case("run suite.yaml --out text/run", "text/run: expected a folder, this is a file"),
     Case("run suite.yaml --out runs/monday", "it holds a run of suite 'synthetic', not 's'; give another folder"),
     Case(
-        "run suite.yaml --out jdir", "jdir/run.json: cannot be read: [Errno 21] Is a directory", {"jdir/run.json": None}
+        "run suite.yaml --out jdir",
+        "jdir/run.json: expected a run document, got a folder, no regular file",
+        {"jdir/run.json": None},
     ),
     Case("run suite.yaml --out odd", "expected a run document of format 1", {"odd/run.json": "{"}),
     Case("run suite.yaml --out new", "not a store URL", variables={"ROBOGAUNTLET_STORE": "nonsense"}),
@@ -263,7 +265,7 @@ RUNS = [
             "sqlite://": "expected the file of a store, as in sqlite:///FILE; a store in memory loses its rows",
         }.items()
     ),
-    Case("report runs/odd", "run.json: cannot be read", {"runs/odd/run.json/x": ""}),
+    Case("report runs/odd", "run.json: expected a run document, got a folder", {"runs/odd/run.json/x": ""}),
 ]
 CASES = [
     *(Case(verb.format(place), says) for verb in READERS for place, says in NO_RUNS.items()),

@@ -70,7 +70,7 @@ def test_keys_that_occur_twice_are_named_with_their_line():
         (".", "expected a file, this is a directory"),
         ("none.yaml", "no such file; did you mean "),
         ("one.yaml/x", "cannot be read: Not a directory"),
-        ("/dev/zero", f"expected a file of at most {MAX_BYTES} bytes, this has more"),
+        ("/dev/zero", "cannot be read: a device, no regular file"),
         ("long.yaml", f"expected a file of at most {MAX_BYTES} bytes, this has {MAX_BYTES + 1}"),
         ("latin.yaml", "expected UTF-8 text, found byte 0xff at offset 1"),
     ],

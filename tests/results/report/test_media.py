@@ -143,6 +143,20 @@ def test_a_report_is_written_despite_a_broken_snapshot(folder):
     assert [x.condition for x in media(folder).strips["blur"][0].snapshots] == [CLEAN]
 
 
+def test_links_out_of_the_run_folder_are_not_embedded(folder, tmp_path):
+    cell = cell_of("experts", TASKS[0], CLEAN)
+    save_video(folder, cell, 0)
+    save_snapshot(folder, TASKS[0], CLEAN, 10)
+    save_snapshot(folder, TASKS[0], BLUR2, 20)
+    assert media(folder).representative
+    assert media(folder).strips
+    for path in (video_path(folder, cell.episode(0).id), snapshot_path(folder, TASKS[0], BLUR2)):
+        path.rename(tmp_path / path.name)
+        path.symlink_to(tmp_path / path.name)
+    assert not media(folder).representative
+    assert not media(folder).strips.get("blur")
+
+
 def test_the_gallery_comes_after_the_findings_and_is_open_while_it_is_short(folder):
     save_video(folder, cell_of("experts", TASKS[0], CLEAN), 0)
     page = write_report(folder).paths.html.read_text()
