@@ -12,7 +12,6 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import OwnSuite, RunArgument, StoreUrl, out, print_line
-from robogauntlet.orchestrator.cli.hub import check_repository, push_folder
 from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
 from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
@@ -22,9 +21,9 @@ from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
 from robogauntlet.results.report.formatting import counted, spreadsheet_cell
-from robogauntlet.results.report.hub_folder import write_hub_folder
 from robogauntlet.results.report.parquet import write_parquet
 from robogauntlet.results.run_document import RunDocument, read_run
+from robogauntlet.results.store.arriving import arriving_file
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
 from robogauntlet.support.errors import BadInput
@@ -43,8 +42,6 @@ class Format(StrEnum):
     """The result file of vla-evaluation-harness."""
     LEROBOT_DATASET = "lerobot-dataset"
     """Replayed episodes, recorded as LeRobot v3 datasets, one per task."""
-    HUB = "hub"
-    """A folder in the layout of a repository of the Hugging Face hub."""
 
 
 class Outcome(StrEnum):
@@ -61,7 +58,6 @@ SUFFIXES = {
     Format.LEROBOT: "-eval_info.json",
     Format.VLA_EVAL: "-vla_eval.json",
     Format.LEROBOT_DATASET: "-lerobot",
-    Format.HUB: "-hub",
 }
 
 
@@ -72,7 +68,7 @@ def export(
     ] = Format.RUN,
     policy: Annotated[
         str | None,
-        typer.Option(help="lerobot, vla-eval, hub, lerobot-dataset: only this policy; lerobot-dataset: or a pattern."),
+        typer.Option(help="lerobot, vla-eval, lerobot-dataset: only this policy; lerobot-dataset: or a pattern."),
     ] = None,
     task: Annotated[
         list[str] | None, typer.Option(help="lerobot-dataset: only this task, or a pattern. Repeatable.")
@@ -90,15 +86,7 @@ def export(
     ] = None,
     file: Annotated[
         Path | None,
-        typer.Option("--out", help="File, or folder of hub and datasets, to write; by default named after the run."),
-    ] = None,
-    push: Annotated[
-        str | None,
-        typer.Option(
-            metavar="USER/NAME",
-            help="hub: also push the folder to this repository, which is created as a private one; "
-            "a pull request if it has a card already.",
-        ),
+        typer.Option("--out", help="File, or folder of datasets, to write; by default named after the run."),
     ] = None,
     store: StoreUrl = None,
     suite: OwnSuite = None,
@@ -107,10 +95,6 @@ def export(
 
     With --format lerobot-dataset, episodes are replayed and recorded frame by frame, for retraining.
     """
-    if push is not None:
-        if form is not Format.HUB:
-            raise BadInput(f"expected --push with --format hub only, got {form}")
-        check_repository(push)
     file = file or Path(f"{run.absolute().name}{SUFFIXES[form]}")
     if form is Format.LEROBOT_DATASET:
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))
@@ -120,41 +104,44 @@ def export(
         return
     if task or condition or status or limit:
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
-    if policy is not None and form not in (Format.LEROBOT, Format.VLA_EVAL, Format.HUB):
-        raise BadInput(f"expected --policy with --format lerobot, vla-eval, hub or lerobot-dataset only, got {form}")
+    if policy is not None and form not in (Format.LEROBOT, Format.VLA_EVAL):
+        raise BadInput(f"expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got {form}")
+    if form is not Format.RUN:
+        _check_new(file)
     try:
         document = read_run(run)
         with closing(Store.open_begun(run, document, store)) as rows:
             if form is Format.RUN:
                 count = export_run(document, rows, file)
-            elif form is Format.HUB:
-                tables = OpenRun(run, document, store).tables()
-                kind = write_hub_folder(_new(file), run, document, tables, rows, policy)
-                count = sum(rows.status_counts().values())
-            elif form is Format.PARQUET:
-                write_parquet(_new(file), document, rows)
-                count = sum(rows.status_counts().values())
             else:
-                count = _write(form, document, OpenRun(run, document, store), _new(file), policy)
+                with arriving_file(file) as partial:
+                    count = _write(form, document, OpenRun(run, document, store), rows, partial, policy)
     except OSError as error:
-        if form not in (Format.RUN, Format.HUB):
-            file.unlink(missing_ok=True)  # it is new; the next attempt needs the name
         raise BadInput(f"{file}: cannot be written: {error.strerror or error}") from None
     print_line(f"{counted(count, 'episode')} into {file}")
-    if push is not None:
-        print_line(f"pushed: {push_folder(file, push, kind)}")
 
 
-def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy: str | None) -> int:
+def _write(form: Format, document: RunDocument, run: OpenRun, rows: Store, file: Path, policy: str | None) -> int:
+    if form is Format.PARQUET:
+        write_parquet(file, document, rows)
+        return sum(rows.status_counts().values())
     if form is Format.CSV:
         table = run.episodes()
         texts = table.select_dtypes(exclude=["number", "bool"])
         table.assign(**{name: texts[name].map(spreadsheet_cell) for name in texts}).to_csv(file, index=False)
         return len(table)
-    rows = export_formats.of_policy(run.episodes(export_formats.COLUMNS), policy)
-    plain = {Format.LEROBOT: export_formats.lerobot, Format.VLA_EVAL: export_formats.vla_eval}[form](document, rows)
+    frame = export_formats.of_policy(run.episodes(export_formats.COLUMNS), policy)
+    plain = {Format.LEROBOT: export_formats.lerobot, Format.VLA_EVAL: export_formats.vla_eval}[form](document, frame)
     file.write_text(json.dumps(plain, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    return len(rows)
+    return len(frame)
+
+
+def _check_new(file: Path) -> None:
+    """Refuse a file that exists, or a place for one that does not."""
+    if file.exists() or file.is_symlink():
+        raise BadInput(f"{file}: expected a new file, this one exists")
+    if not file.parent.is_dir():
+        raise BadInput(f"{file}: expected a file in an existing folder")
 
 
 def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None, suite: str | None) -> None:
@@ -177,9 +164,3 @@ def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str
     conclude_recording(written)
     if written.warnings:
         raise typer.Exit(1)
-
-
-def _new(file: Path) -> Path:
-    if file.exists():
-        raise BadInput(f"{file}: expected a new file, this one exists")
-    return file

@@ -19,6 +19,8 @@ from robogauntlet.support.text import counted as counted
 from robogauntlet.support.text import visible
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
+FORMULA_IN_TEXT = re.compile(r"""([;|\t\r\n])(?=[\s"']*[=+\-@])""")
+"""Where another separator than the comma would begin a cell with a formula."""
 """First characters of a text that a spreadsheet takes for a formula."""
 MANY_COMBINATIONS = 20
 """Combinations of axes beyond which tables have one row for all of them; `cells.csv` has each."""
@@ -222,9 +224,13 @@ def markdown(table: TextTable) -> str:
 
 
 def spreadsheet_cell(value: Any) -> Any:
-    """A value for a CSV file: a text that a spreadsheet would compute gets a leading apostrophe; others stay."""
-    is_formula = isinstance(value, str) and value.startswith(FORMULA_STARTS)
-    return f"'{value}" if is_formula else value
+    """A value for a CSV file: a text that a spreadsheet would compute gets a leading apostrophe; others stay.
+
+    What would be a cell of its own for a spreadsheet with another separator than the comma is treated alike.
+    """
+    if not isinstance(value, str):
+        return value
+    return FORMULA_IN_TEXT.sub(r"\1'", f"'{value}" if value.startswith(FORMULA_STARTS) else value)
 
 
 def escape(text: str) -> str:

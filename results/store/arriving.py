@@ -1,4 +1,4 @@
-"""Hidden folders in which runs from elsewhere arrive. Those of dead processes are removed when the next run arrives."""
+"""Hidden folders in which runs from elsewhere and exported files arrive. The next arrival removes those of the dead."""
 
 from __future__ import annotations
 
@@ -42,6 +42,21 @@ def arriving_folder(root: Path) -> Iterator[Path]:
         raise
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def arriving_file(file: Path) -> Iterator[Path]:
+    """A path for a new file, which is moved to its own place when the block succeeds.
+
+    What a killed process leaves of it is removed when the next one arrives.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    with arriving_folder(file.parent) as folder:
+        partial = folder / file.name
+        yield partial
+        partial.rename(file)
 
 
 def remove_abandoned(root: Path) -> None:

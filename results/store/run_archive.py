@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 import sqlite3
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from robogauntlet.results.run_document import STORE_FILE, RunDocument, RunError, write_run
-from robogauntlet.results.store.arriving import arriving_folder
+from robogauntlet.results.store.arriving import arriving_file, arriving_folder
 from robogauntlet.results.store.database import StoreError, without_password
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.exported_file import exported_size
@@ -33,18 +32,12 @@ def export_run(document: RunDocument, rows: Store, file: Path) -> int:
     """
     if file.exists():
         raise RunError(f"{file}: expected a new file, there is one already")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        with closing(Store.open_file(temporary, document.run_id)) as copy:
+    with arriving_file(file) as partial:
+        with closing(Store.open_file(partial, document.run_id)) as copy:
             count = _copy(document.model_copy(update={"store_url": None}), rows, copy)
-        with sqlite3.connect(temporary) as connection:
+        with sqlite3.connect(partial) as connection:
             connection.execute("PRAGMA journal_mode=DELETE")  # One file without a log beside it.
         connection.close()
-        temporary.replace(file)
-    finally:
-        for path in file.parent.glob(f"{temporary.name}*"):
-            path.unlink()
     return count
 
 

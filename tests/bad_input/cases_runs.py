@@ -162,7 +162,7 @@ QUERIES = table(
     ),
     (
         "export runs/monday --policy p",
-        "expected --policy with --format lerobot, vla-eval, hub or lerobot-dataset only, got run",
+        "expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got run",
     ),
     ("export runs/monday --format csv --out text", "text: expected a new file, this one exists"),
     ("export runs/monday --format parquet --out notes", "notes: expected a new file, this one exists"),

@@ -89,6 +89,14 @@ def test_negative_numbers_stay_numbers():
     ]
 
 
+@pytest.mark.parametrize("separator", [";", "|", "\t"])
+def test_a_spreadsheet_with_another_separator_computes_nothing_either(separator):
+    for text in ("x;=1+1", 'x;"=1+1"', "x; @SUM(A1)", "a;b|\t-1", "=1;=1", "x;\n=1"):
+        for cell in csv.reader(io.StringIO(spreadsheet_cell(text)), delimiter=separator):
+            assert not any(one.strip().startswith(("=", "+", "-", "@")) for one in cell)
+    assert spreadsheet_cell("one; two, a-b; 3 = 3") == "one; two, a-b; 3 = 3"
+
+
 @pytest.mark.parametrize("seconds", [1e20, -1e20, float("nan"), float("inf"), 2.0**63])
 def test_a_time_that_no_calendar_has_is_shown_as_none(seconds):
     assert when(seconds) == "–"

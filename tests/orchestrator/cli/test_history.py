@@ -1,5 +1,6 @@
 """`robogauntlet history`, `leaderboard`, `accept`, `export` and `import`."""
 
+import os
 import sqlite3
 
 import pytest
@@ -115,6 +116,23 @@ def test_exports_overwrite_nothing(run_command, runs, tmp_path, form, file):
     assert "this one exists" in run_command(*typed).refusal
 
 
+@pytest.mark.parametrize("form", ["run", "csv", "parquet"])
+def test_an_export_that_was_killed_leaves_nothing_after_the_next(run_command, runs, tmp_path, form):
+    left = tmp_path / ".arriving-killed"
+    left.mkdir()
+    (left / "monday.csv").write_text("half")
+    os.utime(left, (0, 0))
+    assert run_command("export", "runs/monday", "--format", form, "--out", "made").code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"runs", "made"}
+
+
+@pytest.mark.parametrize("form", ["run", "csv", "parquet"])
+def test_an_export_that_fails_leaves_nothing(run_command, runs, tmp_path, form):
+    (runs / "monday" / "episodes.sqlite").unlink()
+    assert "there is no such file" in run_command("export", "runs/monday", "--format", form, "--out", "made").refusal
+    assert {path.name for path in tmp_path.iterdir()} == {"runs"}
+
+
 @pytest.mark.parametrize(
     ("typed", "words"),
     [
@@ -132,7 +150,7 @@ def test_exports_overwrite_nothing(run_command, runs, tmp_path, form, file):
         (("export", "runs/monday", "--format", "lerobot"), "the run has p, q; name one with --policy"),
         (
             ("export", "runs/monday", "--format", "csv", "--out", "no/such.csv"),
-            "no/such.csv: cannot be written: Cannot",
+            "no/such.csv: expected a file in an existing folder",
         ),
         (("export", "runs/monday", "--format", "csv", "--policy", "p"), "expected --policy with --format lerobot"),
         (
