@@ -58,6 +58,7 @@ def video_writer(path: Path, size: tuple[int, int], fps: float) -> Any:
     """A generator that writes the frames sent to it, RGB of this width and height as bytes, until it is closed."""
     import imageio_ffmpeg
 
+    path.unlink(missing_ok=True)  # it may be a link that somebody put there
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = imageio_ffmpeg.write_frames(
         str(path),

@@ -34,6 +34,7 @@ from robogauntlet.results.report.summary import Report
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,7 +85,9 @@ def write_figures(report: Report, folder: Path, form: FigureFormat) -> list[Path
             path = folder / f"{name}.{form}"
             # A date in the file would make equal figures differ.
             dates = {FigureFormat.SVG: {"Date": None}, FigureFormat.PDF: {"CreationDate": None}}
-            draw().savefig(path, format=str(form), metadata=dates.get(form, {}), bbox_inches="tight", pad_inches=0.02)
+            made = dates.get(form, {})
+            with replacing(path) as file:
+                draw().savefig(file, format=str(form), metadata=made, bbox_inches="tight", pad_inches=0.02)
             written.append(path)
     for path in set(folder.glob(f"*.{form}")) - set(written):
         if _OWN_NAME.fullmatch(path.stem) and not path.is_dir():

@@ -16,6 +16,15 @@ def names(folder):
     return [path.name for path in folder.iterdir()]
 
 
+def test_a_link_in_place_of_the_part_is_not_followed(tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / ".file.partial").symlink_to("mine")
+    with replacing(tmp_path / "file") as partial:
+        partial.write_text("new")
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert (tmp_path / "file").read_text() == "new"
+
+
 def test_a_file_is_replaced_when_all_of_it_is_written(tmp_path):
     target = tmp_path / "file"
     target.write_text("old")

@@ -117,6 +117,7 @@ def replacing(target: Path, *, shared: bool = False) -> Iterator[Path]:
     """
     partial = target.with_name(f".{target.name}{f'.{os.getpid()}' if shared else ''}.partial")
     try:
+        partial.unlink(missing_ok=True)  # it may be a link that somebody put there
         yield partial
         partial.replace(target)
     finally:

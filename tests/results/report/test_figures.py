@@ -69,6 +69,14 @@ def test_figures_that_the_report_has_no_more_are_removed(clean, tmp_path):
     assert sorted(tmp_path.iterdir()) == sorted([*written, *kept])
 
 
+def test_a_figure_takes_the_place_of_a_link_and_does_not_follow_it(clean, tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "success-by-task.svg").symlink_to(tmp_path / "mine")
+    assert tmp_path / "run" / "success-by-task.svg" in write_figures(clean, tmp_path / "run", FigureFormat.SVG)
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 def test_a_figure_is_as_wide_as_a_column(clean, under_noise, routed, tmp_path):
     written = [
         path
