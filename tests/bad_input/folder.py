@@ -1,5 +1,6 @@
 """The folder in which each case is typed: good files of every kind, and some that are of none."""
 
+import shutil
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -27,7 +28,9 @@ def fill(folder: Path) -> None:
     (folder / "suite.yaml").write_text(SUITE)
     for number, day in enumerate(("monday", "tuesday")):
         _save(folder / "runs" / day, run_id=f"{number}{RUN_ID[1:]}", started_at=1.0 + number)
-    export(folder / "runs" / "monday", folder / "run.robogauntlet")
+    _save(folder / "sent", run_id=f"f{RUN_ID[1:]}", started_at=1.0)  # which the history does not know
+    export(folder / "sent", folder / "run.robogauntlet")
+    shutil.rmtree(folder / "sent")
     save_experts(folder, tasks=("null/Reach", "null/Slow"))
     dataset(folder / "data", "Reach", range(2))
     (folder / "text").write_text("hello\n")
