@@ -2,37 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, islice
 
 from robogauntlet.suites.axes import AXES, why_exclusive
 from robogauntlet.suites.episode import AT, CAMERAS, CLEAN, CONTROLS, FIRST_TRAINING_SEED, Condition, ProtocolName
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.ranges import MAX_CELLS, MAX_COUNT, MAX_PATTERNS
 from robogauntlet.suites.registry import Registry
-from robogauntlet.suites.schema import Mistake, Suite, expand_tasks, robots_by_task, with_robots
+from robogauntlet.suites.schema import Mistake, Suite, expand_tasks, is_plain, robots_by_task, with_robots
 
 MOST_SEVERE = 5
 LIBERO = ("libero", "libero-plus")
 """Simulators that can be played under the protocol `openvla`."""
+MOST_MISTAKES = 100
+"""Mistakes of a file that are shown."""
 
 
 def check_names(suite: Suite, names: Registry) -> list[Mistake]:
-    """Return a mistake for every name that does not exist and for every contradiction."""
-    return [
-        *_check_policies(suite, names),
-        *_check_tasks(suite, names),
-        *_check_robots(suite, names),
-        *_check_conditions(suite, names),
-        *_check_design(suite, names),
-        *_check_cameras(suite),
-        *_check_protocol(suite, names),
-        *_check_simulators(suite, names),
-        *_check_programs(suite, names),
-        *_check_roles(suite),
-        *_check_references(suite, names),
-        *_check_adaptive(suite),
-        *_check_seeds(suite, names),
-    ]
+    """Return a mistake for every name that does not exist and for every contradiction.
+
+    Stops after one more than `MOST_MISTAKES`. A suite that is too large has that mistake alone.
+    """
+    distinct = Counter(suite.tasks)
+    twice = next((task for task, times in distinct.items() if times > 1 and not is_plain(task)), None)
+    if twice is not None:
+        return [(("tasks",), f"duplicate pattern '{twice}', expected it once, got it {distinct[twice]} times")]
+    if (patterns := sum(not is_plain(task) for task in distinct)) > MAX_PATTERNS:
+        return [(("tasks",), f"expected at most {MAX_PATTERNS} patterns of tasks, got {patterns}; use wider ones")]
+    matches = {pattern: expand_tasks([pattern], names.tasks) for pattern in distinct}
+    tasks = [*chain.from_iterable(matches.values())]
+    if too_large := [*_check_size(suite, len(tasks))]:
+        return too_large
+    mistakes = chain(
+        _check_policies(suite, names),
+        _check_tasks(suite, names, matches),
+        _check_robots(suite, names, tasks),
+        _check_conditions(suite, names),
+        _check_design(suite, names),
+        _check_cameras(suite),
+        _check_protocol(suite, tasks),
+        _check_simulators(suite, names),
+        _check_programs(suite, names),
+        _check_roles(suite),
+        _check_references(suite, names),
+        _check_adaptive(suite),
+        _check_seeds(suite, names, tasks),
+    )
+    return [*islice(mistakes, MOST_MISTAKES + 1)]
+
+
+def _check_size(suite: Suite, tasks: int) -> Iterator[Mistake]:
+    """What the suite expands to, counted without expanding it."""
+    tasks *= max(1, len(suite.robots))
+    policies = max(1, len(suite.policies))
+    conditions = sum(len(entry.severities) for entry in suite.conditions)
+    conditions += suite.design.conditions_planned if suite.design else 0
+    cells = tasks * policies * conditions
+    seeds = suite.seeds.count if suite.adaptive is None else suite.adaptive.max_seeds
+    if cells > MAX_CELLS:
+        yield (
+            ("tasks",),
+            f"expected at most {MAX_CELLS:,} combinations of task, policy and condition, got {tasks:,} x {policies:,} "
+            f"x {conditions:,} = {cells:,}; divide the suite",
+        )
+    elif cells * seeds > MAX_COUNT:
+        yield (
+            ("seeds",),
+            f"expected at most {MAX_COUNT:,} episodes, got {cells:,} combinations of task, policy and condition "
+            f"x {seeds:,} seeds; ask for fewer seeds",
+        )
 
 
 def _check_policies(suite: Suite, names: Registry) -> Iterator[Mistake]:
@@ -51,27 +91,29 @@ def _check_policies(suite: Suite, names: Registry) -> Iterator[Mistake]:
             yield place, f"duplicate policy '{policy.name}', already at entry {first + 1}; give it another `name`"
 
 
-def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
+def _check_tasks(suite: Suite, names: Registry, matches: Mapping[str, Sequence[str]]) -> Iterator[Mistake]:
     seen: set[str] = set()
+    able = robots_by_task(names.tasks) if suite.robots else {}
+    known = [(policy.name, names.policies.get(policy.kind)) for policy in suite.policies]
+    limited = [(name, kind.tasks) for name, kind in known if kind and kind.tasks is not None]
     for i, pattern in enumerate(suite.tasks):
         place = ("tasks", i)
-        matches = [task for task in expand_tasks([pattern], names.tasks) if task in names.tasks]
-        if not matches:
+        tasks = [task for task in matches[pattern] if task in names.tasks]
+        if not tasks:
             yield place, _unknown_task(pattern, names)
-        for task in with_robots(matches, suite.robots, names.tasks):
+        for task in with_robots(tasks, suite.robots, able):
             if task in seen:
                 yield place, f"duplicate task '{task}'"
             seen.add(task)
-            for policy in suite.policies:
-                known = names.policies.get(policy.kind)
-                if known and known.tasks is not None and task not in known.tasks:
-                    yield place, f"policy '{policy.name}' cannot act in '{task}'"
+            for name, own in limited:
+                if task not in own:
+                    yield place, f"policy '{name}' cannot act in '{task}'"
 
 
-def _check_robots(suite: Suite, names: Registry) -> Iterator[Mistake]:
+def _check_robots(suite: Suite, names: Registry, expanded: Sequence[str]) -> Iterator[Mistake]:
     if not suite.robots:
         return
-    tasks = [task for task in expand_tasks(suite.tasks, names.tasks) if task in names.tasks]
+    tasks = [task for task in expanded if task in names.tasks]
     known = robots_by_task(names.tasks)
     if named := [task for task in tasks if AT in task]:
         yield ("robots",), f"expected tasks that name no robot beside robots, got '{named[0]}'"
@@ -85,9 +127,9 @@ def _check_robots(suite: Suite, names: Registry) -> Iterator[Mistake]:
                 break
 
 
-def _check_protocol(suite: Suite, names: Registry) -> Iterator[Mistake]:
+def _check_protocol(suite: Suite, tasks: Sequence[str]) -> Iterator[Mistake]:
     if suite.protocol is ProtocolName.OPENVLA:
-        for task in expand_tasks(suite.tasks, names.tasks):
+        for task in tasks:
             if task.partition("/")[0] not in LIBERO:
                 yield ("protocol",), f"expected openvla with tasks of LIBERO only, got {task}; leave it out"
                 return
@@ -206,13 +248,14 @@ _NO_PROGRAM = (
 
 def _check_roles(suite: Suite) -> Iterator[Mistake]:
     """Policies named in `oracle_gate`, `no_skill_baselines`, `merging` and `compare`."""
-    known = [policy.name for policy in suite.policies]
+    known = {policy.name: i for i, policy in enumerate(suite.policies)}
     gate: list[Mistake] = [(("oracle_gate",), suite.oracle_gate)] if suite.oracle_gate is not None else []
     baselines = [(("no_skill_baselines", i), name) for i, name in enumerate(suite.no_skill_baselines)]
     sides = [entry.places() for entry in (suite.merging, suite.compare) if entry]
     if suite.needs is not None:
-        for i, name in enumerate(known):
-            if name not in suite.reference_policies:
+        references = set(suite.reference_policies)
+        for name, i in known.items():
+            if name not in references:
                 yield (
                     ("policies", i),
                     f"'{name}': expected none but those of oracle_gate and no_skill_baselines beside needs: policy",
@@ -221,10 +264,11 @@ def _check_roles(suite: Suite) -> Iterator[Mistake]:
         if name not in known:
             yield place, f"{place[0]} names no policy of this suite: '{name}'{did_you_mean(name, known)}"
     for places in sides:
-        names = [name for _, name in places]
-        for i, (place, name) in enumerate(places):
-            if name in known and name in names[:i]:
+        named: set[str] = set()
+        for place, name in places:
+            if name in known and name in named:
                 yield place, f"{place[0]} names policy '{name}' twice; each side is another policy"
+            named.add(name)
 
 
 def _check_references(suite: Suite, names: Registry) -> Iterator[Mistake]:
@@ -236,11 +280,11 @@ def _check_references(suite: Suite, names: Registry) -> Iterator[Mistake]:
             yield ("oracle_gate",), f"oracle_gate: expected an oracle, '{gate}' is a baseline without skill"
     for i, name in enumerate(baselines):
         place = ("no_skill_baselines", i)
-        if name in baselines[:i]:
+        if baselines.index(name) < i:
             yield place, f"no_skill_baselines: duplicate policy '{name}'"
         elif name == gate:
             yield place, f"no_skill_baselines: '{name}' is the oracle gate; expected another policy"
-    others = [policy.name for policy in suite.policies if policy.name not in baselines]
+    others = {policy.name for policy in suite.policies} - set(baselines)
     if suite.needs is None and suite.policies and not others:
         yield ("no_skill_baselines",), "no_skill_baselines: expected a policy beside the baselines, got none"
 
@@ -259,9 +303,9 @@ def _check_adaptive(suite: Suite) -> Iterator[Mistake]:
         )
 
 
-def _check_seeds(suite: Suite, names: Registry) -> Iterator[Mistake]:
+def _check_seeds(suite: Suite, names: Registry, tasks: Sequence[str]) -> Iterator[Mistake]:
     """Seeds that would start as others of the same task do."""
-    known = (name for name in expand_tasks(suite.tasks, names.tasks) if name in names.tasks)
+    known = (name for name in tasks if name in names.tasks)
     played = range(suite.seeds.start, suite.seeds.start + suite.seeds.count)
     most = played if suite.adaptive is None else range(played.start, played.start + suite.adaptive.max_seeds)
     for task in known:

@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from robogauntlet.suites.checks import check_names
+from robogauntlet.suites.checks import MOST_MISTAKES, check_names
 from robogauntlet.suites.designs import DesignEntry
 from robogauntlet.suites.environments import Config, EnvironmentEntry
-from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.plugins import did_you_mean, few_hints
 from robogauntlet.suites.registry import Registry
 from robogauntlet.suites.resources import Inference, Resources
 from robogauntlet.suites.schema import (
@@ -54,13 +54,16 @@ class Problem:
 
 
 class SuiteError(UserError):
-    """A suite file with mistakes. The message has one line per problem.
+    """A suite file with mistakes. The message has one line per problem, up to `MOST_MISTAKES`.
 
     `rest` is the suite without its wrong entries, with stand-ins for missing keys; None if that is no suite.
     """
 
     def __init__(self, problems: list[Problem], rest: Suite | None = None) -> None:
         self.problems, self.rest = sorted(problems, key=lambda p: p.line or 0), rest
+        if len(problems) > MOST_MISTAKES:
+            more = Problem(problems[0].path, None, f"more than {MOST_MISTAKES} mistakes, of which these are shown:")
+            self.problems = [*dict.fromkeys([more, *self.problems[:MOST_MISTAKES]])]
         super().__init__("\n".join(map(str, self.problems)))
 
 
@@ -97,15 +100,30 @@ def load_config(path: Path, names: Sequence[str]) -> Config:
 def _load(path: Path, text: str, model: type[Model], check: Callable[[Model], Sequence[Mistake]], keys: str) -> Model:
     is_empty = all(not line.strip() or line.lstrip().startswith("#") for line in text.splitlines())
     data, lines = _parse(path, "{}" if is_empty and model is Config else text, keys)
+    with few_hints():
+        return _checked(path, data, lines, model, check)
+
+
+def _checked(
+    path: Path,
+    data: dict[str, Any],
+    lines: dict[Place, int],
+    model: type[Model],
+    check: Callable[[Model], Sequence[Mistake]],
+) -> Model:
     try:
         loaded = model.model_validate(data)
     except ValidationError as error:
         # A list with wrong entries is also called too short.
-        errors = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
+        errors = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]][: MOST_MISTAKES + 1]
         wrong: list[Mistake] = [(_place(e["loc"]), _message(e, model)) for e in errors]
+        if len(wrong) > MOST_MISTAKES:
+            raise _refusal(path, lines, wrong) from None
         wrong += _further_mistakes(data, {place for place, _ in wrong}, model, check)
         raise _refusal(path, lines, wrong, _rest(data, wrong, model)) from None
     if mistakes := check(loaded):
+        if len(mistakes) > MOST_MISTAKES:
+            raise _refusal(path, lines, mistakes)
         raise _refusal(path, lines, mistakes, _rest(data, mistakes, model))
     return loaded
 
@@ -191,7 +209,8 @@ def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place
     except YamlError as error:
         raise SuiteError([problem_at(path, error.line, str(error))]) from None
     if document.duplicates:
-        raise SuiteError([problem_at(path, line, f"duplicate key '{name}'") for line, name in document.duplicates])
+        twice = document.duplicates[: MOST_MISTAKES + 1]
+        raise SuiteError([problem_at(path, line, f"duplicate key '{name}'") for line, name in twice])
     if not isinstance(document.data, dict):
         raise SuiteError([Problem(str(path), None, f"expected a mapping with {keys}; found {_kind(document.data)}")])
     return document.data, document.lines

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import metadata
@@ -11,6 +13,8 @@ from typing import Any, Protocol, TypeVar
 
 LISTED, LONGEST_LIST = 12, 250
 """Maximum number of known names in a message, and of their characters."""
+MOST_HINTS = 10
+_hints_left: ContextVar[int | None] = ContextVar("hints_left", default=None)
 
 
 class _Named(Protocol):
@@ -86,8 +90,22 @@ class Plugins(Mapping[str, Plugin]):
         return ""
 
 
+@contextmanager
+def few_hints() -> Iterator[None]:
+    """Inside, `did_you_mean` answers the first ten times only: a file may have thousands of unknown names."""
+    token = _hints_left.set(MOST_HINTS)
+    try:
+        yield
+    finally:
+        _hints_left.reset(token)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: `; did you mean 'X'?`, or the known names."""
+    if (left := _hints_left.get()) is not None:
+        if not left:
+            return ""
+        _hints_left.set(left - 1)
     known = sorted(known)
     near = [k for k in known if "/" in name and k.startswith(f"{name}-")] or get_close_matches(name, known, 1, 0.5)
     near = near or [k for k in known if k.split("/")[-1].startswith(name)]

@@ -18,6 +18,10 @@ MAX_WORKERS = 10_000
 MAX_ATTEMPTS = 1_000
 MAX_ENTRIES = 10_000
 """Entries of a list."""
+MAX_PATTERNS = 100
+"""Patterns of tasks in a suite."""
+MAX_CELLS = 1_000_000
+"""Combinations of task, policy and condition in a suite."""
 MAX_TEXT = 10_000
 """Characters of a text, or of an argument on the command line."""
 MAX_NAME = 80

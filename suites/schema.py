@@ -317,7 +317,7 @@ class Suite(_Model):
 
     def with_names(self, names: Registry) -> Suite:
         """Return the suite with its task patterns and its robots replaced by task names."""
-        tasks = with_robots(expand_tasks(self.tasks, names.tasks), self.robots, names.tasks)
+        tasks = with_robots(expand_tasks(self.tasks, names.tasks), self.robots, robots_by_task(names.tasks))
         return self.model_copy(update={"tasks": tuple(tasks), "robots": ()})
 
     def all_conditions(self) -> list[Condition]:
@@ -354,15 +354,19 @@ def _matches(task: str, pattern: str) -> bool:
     return (AT not in task or AT in pattern) and fnmatchcase(task, pattern)
 
 
+def is_plain(pattern: str) -> bool:
+    """Return whether a task is named, not described by a pattern."""
+    return not set(pattern) & set("*?[")
+
+
 def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
     """Return the names of the tasks that match the patterns, in their order; a plain name is kept.
 
     Tasks that name their arm (`robosuite/Lift@UR5e`) match patterns that do so too (`robosuite/*@*`).
     """
     expanded: list[str] = []
-    for pattern in patterns:
-        is_plain = not set(pattern) & set("*?[")
-        expanded += [pattern] if is_plain else [task for task in known if _matches(task, pattern)]
+    for pattern in dict.fromkeys(patterns):
+        expanded += [pattern] if is_plain(pattern) else [task for task in known if _matches(task, pattern)]
     return expanded
 
 
@@ -375,14 +379,13 @@ def robots_by_task(known: Mapping[str, KnownTask]) -> dict[str, dict[str, str]]:
     return found
 
 
-def with_robots(tasks: Iterable[str], robots: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
+def with_robots(tasks: Iterable[str], robots: Iterable[str], able: Mapping[str, Mapping[str, str]]) -> list[str]:
     """Return the names of the tasks when each is played by each of the robots, or by its own if there are none.
 
-    A robot that cannot play a task is left out.
+    `able` is that of `robots_by_task`. A robot that cannot play a task is left out.
     """
     wanted = tuple(robots)
     if not wanted:
         return list(tasks)
-    able = robots_by_task(known)
     named = (able.get(task.partition(AT)[0], {}).get(robot) for task in tasks for robot in wanted)
     return [name for name in named if name]

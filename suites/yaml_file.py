@@ -21,9 +21,7 @@ MAX_DEPTH = 50
 """Lists and mappings inside each other."""
 MAX_DIGITS = 100
 """Characters of a number."""
-PLAIN = frozenset(
-    f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str", "seq", "map", "merge")
-)
+DATE = "tag:yaml.org,2002:timestamp"
 _OCTAL = re.compile(r"[-+]?0[0-9_]+")
 NUMBERS = frozenset({"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"})
 
@@ -87,7 +85,7 @@ def parse_yaml(text: str) -> Document:
     """Return the values of a YAML text of one document.
 
     Raises:
-        YamlError: It is not YAML, has objects other than plain values, or exceeds the bounds.
+        YamlError: It is not YAML, has tags or dates, or exceeds the bounds.
     """
     try:
         loader = _Loader(text)
@@ -126,6 +124,9 @@ class _Loader(yaml.SafeLoader):
             raise YamlError(f"expected at most {MAX_DEPTH} lists and mappings inside each other", self.line + 1)
         if self._values > MAX_VALUES:
             raise YamlError(f"expected at most {MAX_VALUES} values", self.line + 1)
+        event = self.peek_event()
+        if tag := getattr(event, "tag", None):
+            raise YamlError(f"expected plain YAML without tags, found the tag '{tag}'", _line(event.start_mark))
         node = super().compose_node(parent, index)
         self._depth -= 1
         _check(node)
@@ -134,10 +135,8 @@ class _Loader(yaml.SafeLoader):
 
 def _check(node: yaml.Node) -> None:
     line = _line(node.start_mark)
-    if node.tag not in PLAIN:
-        if node.tag.endswith(":timestamp"):
-            raise YamlError(f"expected plain YAML, found a date ('{node.value}'); put it in quotes", line)
-        raise YamlError(f"expected plain YAML, found the object tag '{node.tag}'", line)
+    if node.tag == DATE:
+        raise YamlError(f"expected plain YAML, found a date ('{node.value}'); put it in quotes", line)
     if not isinstance(node, yaml.ScalarNode):
         return
     if node.tag in NUMBERS and len(node.value) > MAX_DIGITS:

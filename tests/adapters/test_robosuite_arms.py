@@ -30,7 +30,7 @@ def test_suites_can_let_every_arm_play_lift_stack_and_door():
     known = load_registry().tasks
     for task in ("robosuite/Lift", "robosuite/Stack", "robosuite/Door"):
         named = [task, *(f"{task}@{arm}" for arm in OTHERS)]
-        assert with_robots([task], ARMS, known) == named
+        assert with_robots([task], ARMS, robots_by_task(known)) == named
     assert robots_by_task(known)["robosuite/PickPlaceCan"] == {PANDA: "robosuite/PickPlaceCan"}
 
 

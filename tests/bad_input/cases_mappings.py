@@ -67,7 +67,7 @@ TEXTS = {
     b"a: [": "not a mapping file, line 1: not YAML",
     b"a: 1\na: 2": "line 2: duplicate key 'a'",
     b"a: &a [*a]": "an alias that contains itself",
-    b"a: !!python/object:os.x {}": "found the object tag",
+    b"a: !!python/object:os.x {}": "found the tag",
     b"\xff": "expected UTF-8 text, found byte 0xff",
     b"a: \0": "not YAML: character U+0000",
     b"[" * 100: "expected at most 50 lists and mappings inside each other",

@@ -79,7 +79,7 @@ OPTIONS = {
     "random --option =1": "--option: expected NAME=VALUE, got '=1'",
     "random --option sead=1": "policy 'random' has no option 'sead'",
     "random --option 'a=['": "--option a: not YAML",
-    "random --option 'a=!!python/name:os.system'": "--option a: expected plain YAML, found the object tag",
+    "random --option 'a=!!python/name:os.system'": "--option a: expected plain YAML without tags, found the tag",
     "random --option a=2026-01-01": "--option a: expected plain YAML, found a date",
     "zoo:merged --option router=oracle": "policy 'zoo-merged' does not fit: it cannot act in null/Reach; it can in ",
     "replay --option file=nowhere": "policy 'replay' has no option 'file'",

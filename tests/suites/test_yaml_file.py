@@ -31,8 +31,24 @@ REFUSED = {
     "surrogate in a key": ('"\\udfff": 1', "expected text that UTF-8 can write, found the character U+DFFF"),
     "escaped NUL": ('a: "x\\0"', "expected text that UTF-8 can write, found the character U+0000"),
     "NUL": ("a: \0", "not YAML: character U+0000 at offset 3, expected printable text"),
-    "object": ("!!python/name:os.system x", "found the object tag 'tag:yaml.org,2002:python/name:os.system'"),
-    "bytes": ("!!binary aGk=", "found the object tag 'tag:yaml.org,2002:binary'"),
+    "object": ("!!python/name:os.system x", "found the tag 'tag:yaml.org,2002:python/name:os.system'"),
+    **{
+        f"tag {text}": (f"a: {text}", f"expected plain YAML without tags, found the tag '{tag}")
+        for text, tag in {
+            "!!binary aGk=": "tag:yaml.org,2002:binary'",
+            "!!str [a]": "tag:yaml.org,2002:str'",
+            "!!bool x": "tag:yaml.org,2002:bool'",
+            '!!int ""': "tag:yaml.org,2002:int'",
+            '!!int "-"': "tag:yaml.org,2002:int'",
+            '!!float ""': "tag:yaml.org,2002:float'",
+            "!!map x": "tag:yaml.org,2002:map'",
+            "[!own {b: 1}]": "!own'",
+            "! b": "!'",
+        }.items()
+    },
+    "value key": ("a: =", "could not determine a constructor"),
+    "merge key": ("a: <<", "could not determine a constructor"),
+    "binary number without digits": ("a: 0b_", "not YAML: "),
     "date": ("a: 2020-01-01", "found a date ('2020-01-01'); put it in quotes"),
     "list as key": ("? [1]\n: 2", "found unhashable key"),
     "two documents": ("a: 1\n--- \nb: 2", "not YAML: but found another document"),
