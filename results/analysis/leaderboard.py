@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status", "protocol", "success_rule")
 """Fields of the record that are needed."""
+MOST_POLICIES, MOST_LETTERS = 100, 100
+"""Policies up to which pairs are compared, and letters up to which they are given: both may grow without end."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,8 @@ def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[
     if tasks and (common := set.intersection(*tasks)):
         outcomes = [rows[rows["task"].isin(common)] for rows in outcomes]
     order = sorted((i for i, rows in enumerate(outcomes) if len(rows)), key=lambda i: -_task_mean(outcomes[i]))
+    if len(order) > MOST_POLICIES:
+        return [_row(played[i], outcomes[i], f"left out: more than {MOST_POLICIES} policies") for i in order]
     pairs = list(combinations(order, 2))
     p_values = holm([_p_value(outcomes[a], outcomes[b]) for a, b in pairs]) if pairs else ()
     differ = {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p <= alpha}
@@ -126,14 +130,19 @@ def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[
 
 
 def compact_letters(order: Sequence[int], differ: Set[frozenset[int]]) -> dict[int, str]:
-    """Assign letters to policies in this order; two policies share none if and only if they differ significantly."""
+    """Assign letters to policies in this order; two policies share none if and only if they differ significantly.
+
+    All are `left out` if more than `MOST_LETTERS` are needed on the way.
+    """
     columns: list[set[int]] = [set(order)]
     for pair in differ:
-        split: list[set[int]] = []
-        for column in columns:
-            split += [column - {one} for one in pair] if pair <= column else [column]
-        unique = [column for i, column in enumerate(split) if column not in split[:i]]
-        columns = [column for column in unique if not any(column < other for other in unique)]
+        kept = [column for column in columns if not pair <= column]
+        for part in [column - {one} for column in columns if pair <= column for one in pair]:
+            if not any(part <= other for other in kept):  # absorbed
+                kept = [*(other for other in kept if not other < part), part]
+        columns = kept
+        if len(columns) > MOST_LETTERS:
+            return dict.fromkeys(order, f"left out: more than {MOST_LETTERS} letters")
     place = {one: number for number, one in enumerate(order)}
     columns.sort(key=lambda column: sorted(place[one] for one in column))
     names = [ascii_letters[n] if n < len(ascii_letters) else f"({n})" for n in range(len(columns))]

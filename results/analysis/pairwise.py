@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from robogauntlet.results.analysis import comparison, paired_behaviour
 from robogauntlet.results.analysis.comparison import Difference, Run, setting_differences
-from robogauntlet.results.analysis.leaderboard import LeaderboardRow, PolicyEpisodes, leaderboard
+from robogauntlet.results.analysis.leaderboard import MOST_POLICIES, LeaderboardRow, PolicyEpisodes, leaderboard
 from robogauntlet.results.analysis.paired_behaviour import (
     BehaviourComparison,
     OutcomeChange,
@@ -205,8 +205,11 @@ def compare_all(
     baseline, pairs = _pairs(run.document, list(sides))
     compared, failed = [], []
     every = baseline is not None or len(sides) <= ALL_PAIRS
+    if not every and len(sides) > MOST_POLICIES:
+        pairs = []
+    verdicts = {} if every else {name: _verdicts(side) for name, side in sides.items()}
     for one, other in pairs:
-        if not every and _verdicts(sides[one]) & _verdicts(sides[other]):
+        if not every and verdicts[one] & verdicts[other]:
             continue  # The letters summarise it.
         try:
             compared.append(_compare(sides[one], sides[other], alpha, margin, frozenset(Difference)))

@@ -2,6 +2,7 @@
 
 from contextlib import closing
 from dataclasses import replace
+from itertools import combinations
 
 import pandas as pd
 from hypothesis import given
@@ -100,3 +101,10 @@ def test_runs_that_count_success_otherwise_than_the_newest_are_left_out_with_the
 def test_without_rates_the_leaderboard_is_empty():
     assert leaderboard([]) == []
     assert leaderboard([played("none", ["error"] * 3)]) == []
+
+
+def test_letters_that_would_grow_without_end_are_left_out():
+    trios = [range(3 * i, 3 * i + 3) for i in range(12)]
+    differ = {frozenset(pair) for trio in trios for pair in combinations(trio, 2)}
+    letters = compact_letters(range(36), differ)
+    assert set(letters.values()) == {"left out: more than 100 letters"}
