@@ -29,7 +29,7 @@ class ManiSkillLights:
         self._env, self._usual = env, usual
         self._base_from_world = Rotation.from_quat(wxyz_to_xyzw(base_from_world.q))
         self._ambient = self._system.ambient_light
-        self._own = [(lamp.color, lamp.pose) for lamp in self._system.lights]
+        self._own = [(lamp.color, lamp.entity_pose) for lamp in self._system.lights]
         self._key = int(np.argmax([np.sum(colour) for colour, _ in self._own]))
         self._changed = False
         self._own_light = self.light()
@@ -38,13 +38,13 @@ class ManiSkillLights:
         """Restore the light."""
         if self._changed:
             self._shine(np.ones(3))
-            self._key_lamp.pose = self._own[self._key][1]
+            self._key_lamp.entity_pose = self._own[self._key][1]
             self._changed = False
 
     def light(self) -> Light:
         """Return the present light of the key lamp, from SAPIEN."""
         lamp = self._key_lamp
-        shines = Rotation.from_quat(wxyz_to_xyzw(lamp.pose.q)).apply(SHINES)
+        shines = Rotation.from_quat(wxyz_to_xyzw(lamp.entity_pose.q)).apply(SHINES)
         factor = np.asarray(lamp.color, np.float64) / self._own[self._key][0]
         return Light(gain_of(factor ** (1 / POWER), self._usual), unit(-self._base_from_world.apply(shines)))
 
@@ -60,7 +60,7 @@ class ManiSkillLights:
         self._shine(pixel_factor(light.gain, self._usual) ** POWER)
         shines = -self._base_from_world.inv().apply(unit(light.direction))
         lamp = self._key_lamp
-        lamp.pose = sapien.Pose(lamp.pose.p, sapien.math.shortest_rotation(SHINES, shines))
+        lamp.entity_pose = sapien.Pose(lamp.entity_pose.p, sapien.math.shortest_rotation(SHINES, shines))
 
     def _shine(self, factor: FloatArray) -> None:
         """Scale all lamps and the ambient light."""

@@ -251,7 +251,7 @@ RELEASED_FILES = {
     "x.pt": ("hello", "expected a file of torch.save in 'x.pt', got: "),
     "y.pt": ("", "expected a file of torch.save in 'y.pt', got: "),
     "z.pt": (b"\x80\x04\x8c\x05posix\x8c\x06system\x93.", "expected"),
-    "x.safetensors": ("hello", "expected a safetensors file in 'x.safetensors', got: "),
+    "x.safetensors": ("hello", "expected a safetensors file in 'x.safetensors', got a truncated one"),
     "a/dataset_statistics.json": ("{", "expected the statistics of a data set in 'a/dataset_statistics.json', got: "),
     "b/dataset_statistics.json": (
         "[" * 100_000,

@@ -49,8 +49,8 @@ class Node:
         self.run("hostname", self.name)
         self.run("ip", "link", "set", "lo", "up")
         for folder in private:
-            self.run("mkdir", "-p", str(folder))
-            self.run("mount", "-t", "tmpfs", "tmpfs", str(folder))
+            self.run("mkdir", "-p", "-m", "700", str(folder))
+            self.run("mount", "-t", "tmpfs", "-o", "mode=700", "tmpfs", str(folder))
 
     def inside(self, *command: str) -> list[str]:
         """The command line that runs a command on this node."""

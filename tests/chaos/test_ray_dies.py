@@ -1,6 +1,5 @@
 """The death of Ray itself at other times than while episodes of a run are played."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -11,8 +10,10 @@ from collections.abc import Iterator
 import pytest
 
 from robogauntlet.results.run_document import RunStatus, read_run
+from tests import ROOT
 from tests.chaos.processes import MARK, end, processes_by_kind, remaining_after
 from tests.chaos.suites import NULL
+from tests.processes import environment_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 
@@ -29,7 +30,7 @@ class Command:
         with log.open("w") as out:
             self.process = subprocess.Popen(
                 [sys.executable, "-c", program, *map(str, arguments)],
-                env={**os.environ, MARK: self.mark, "OMP_NUM_THREADS": "1"},
+                env={**environment_of(ROOT), MARK: self.mark, "OMP_NUM_THREADS": "1"},
                 stdout=out,
                 stderr=subprocess.STDOUT,
             )

@@ -16,7 +16,7 @@ def test_a_private_folder_is_made_closed_to_others_and_used_again(tmp_path):
 
 def _open_to_others(path):
     path.mkdir()
-    path.chmod(0o755)
+    path.chmod(0o775)
 
 
 def _link(path):
@@ -29,6 +29,12 @@ def _of_another_user(path):
     if os.getuid() != 0:
         pytest.skip("this machine lets only root act as a second user")
     os.chown(path, 65534, 65534)
+
+
+def test_a_folder_that_others_could_only_read_is_closed_to_them(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine").chmod(0o755)
+    assert stat.S_IMODE(private_folder(tmp_path / "mine").stat().st_mode) == 0o700
 
 
 @pytest.mark.parametrize("made", [_open_to_others, _link, _of_another_user])

@@ -8,6 +8,8 @@ import tempfile
 from pathlib import Path
 
 PRIVATE = 0o700
+WRITABLE = 0o022
+"""Permissions of others to change what is in a folder."""
 SYSTEM_FOLDERS = ("/tmp", "/var/tmp")
 """Where temporary files may be if `TMPDIR` is too long for sockets."""
 PREFIX = "rg"
@@ -21,17 +23,20 @@ class NoPrivateFolder(OSError):
 def private_folder(path: Path) -> Path:
     """Return a folder that only this user can open, and create it if necessary. Its parent must exist.
 
+    A folder of this user that others could only read is closed to them.
+
     Raises:
-        NoPrivateFolder: It belongs to another user, is open to others, or is a link.
+        NoPrivateFolder: It belongs to another user, others could write into it, or it is a link.
         OSError: It cannot be created.
     """
     path.mkdir(mode=PRIVATE, exist_ok=True)
     found = os.lstat(path)
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & WRITABLE:
         raise NoPrivateFolder(
             f"{path}: expected a folder of this user that is closed to others (mode 0700), another user may have made "
             "it; remove it, or set TMPDIR"
         )
+    path.chmod(PRIVATE)
     return path
 
 

@@ -233,7 +233,7 @@ def test_a_user_who_may_not_change_the_tables_is_told_that_they_need_an_upgrade(
         connection.exec_driver_sql(f"GRANT ALL ON SCHEMA public TO {reader}")
     engine.dispose()
     theirs = sa.make_url(url).set(username=reader).render_as_string(hide_password=False)
-    with one_line_error(StoreError, "upgrading it from version 1 to 3: must be owner of table"):
+    with one_line_error(StoreError, f"upgrading it from version 1 to {VERSION}: must be owner of table"):
         stored(theirs)
     assert versions_of(url) == OLD
     assert len(stored(url)) == len(stored(theirs)) == len(ROWS)
