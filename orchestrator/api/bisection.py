@@ -114,7 +114,7 @@ def play_search(
 ) -> CheckpointSearchResult:
     """Play the rounds of a planned search into a folder; for the rest see `bisect` and `RunOptions`."""
     search = CheckpointSearch(dict(zip(texts, plan.sources, strict=True)), plan.suite.seeds.count, progress.log)
-    url = history_url(history or os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.parent)
+    url = history_url(history or os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.absolute().parent)
     options = RunOptions(media=False, history=url, retry_errors=retry_errors, command=command)
     outcome = run_plan(plan, folder, options, progress, rounds=search)
     for warning in outcome.warnings:

@@ -131,7 +131,7 @@ def _check(served: ServedObject, plan: Plan) -> None:
 
 
 def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool, tracker: LiveTracker | None) -> OpenRun:
-    history = history_url(os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.parent)
+    history = history_url(os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.absolute().parent)
     options, progress = RunOptions(media=media, history=history), Progress(Console(quiet=quiet))
     outcome = run_plan(plan, folder, options, progress, tracker=tracker)
     for warning in outcome.warnings:

@@ -165,7 +165,7 @@ def run(
         fail(warning)
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
-    history_store = store if history is None and store is not None else history_url(history, folder.parent)
+    history_store = store if history is None and store is not None else history_url(history, folder.absolute().parent)
     command = _command(plan.path, folder, part, store, address)
     if log is not None:
         command += f" --log {log}" + ("" if log_project == PROJECT else f" --log-project {shlex.quote(log_project)}")

@@ -137,8 +137,9 @@ def test_a_simulator_in_which_every_worker_dies_is_skipped():
 
 
 def test_a_worker_above_the_memory_limit_is_replaced_after_its_lease():
-    pool = SimulatedWorkerPool(lambda episode: 1.0, Clock(), memory_bytes=lambda played: 100 * played)
-    rows, observer = play(work({("a/1", "p"): 40}), pool, {"a": 1}, resources={"a": Resources(memory_gb=950 / 1024**3)})
+    pool = SimulatedWorkerPool(lambda episode: 1.0, Clock(), memory_bytes=lambda played: 100_000 * played)
+    limit = Resources(memory_gb=0.001)  # 1,073,741 bytes
+    rows, observer = play(work({("a/1", "p"): 40}), pool, {"a": 1}, resources={"a": limit})
     assert Counter(row.seed for row in rows) == Counter(range(40))
     assert len(observer.ready) == 4
     assert not observer.warnings

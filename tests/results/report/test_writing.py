@@ -20,6 +20,7 @@ from robogauntlet.results.report import write as module
 from robogauntlet.results.report.media import collect_media, last_frame, task_picture
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.run_document import Provenance, RunError, RunStatus
+from robogauntlet.results.run_owner import MARK_FILE
 from robogauntlet.results.store.episode_store import StoreError
 from tests.results.synthetic import cells, document, row, rows, run_folder, tables_of
 
@@ -95,7 +96,7 @@ def test_a_report_is_five_files_and_nothing_is_printed(tmp_path, capsys):
     assert paths == ReportPaths.in_folder(tmp_path / "run")
     names = {path.name for path in (tmp_path / "run").iterdir()}
     written = {"report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv"}
-    assert names == written | {"run.json", "episodes.sqlite"}
+    assert names == written | {"run.json", "episodes.sqlite", MARK_FILE}
     assert capsys.readouterr() == ("", "")
 
 
