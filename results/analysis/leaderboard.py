@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from string import ascii_letters
 from typing import TYPE_CHECKING
@@ -123,7 +124,7 @@ def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[
     if len(order) > MOST_POLICIES:
         return [_row(played[i], outcomes[i], f"left out: more than {MOST_POLICIES} policies") for i in order]
     pairs = list(combinations(order, 2))
-    p_values = holm([_p_value(outcomes[a], outcomes[b]) for a, b in pairs]) if pairs else ()
+    p_values = holm(_p_values(outcomes, pairs)) if pairs else ()
     differ = {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p <= alpha}
     letters = compact_letters(order, differ)
     return [_row(played[i], outcomes[i], letters[i]) for i in order]
@@ -158,11 +159,21 @@ def _task_mean(rows: pd.DataFrame) -> float:
     return float(rows.groupby("task", observed=True)["won"].mean().mean())
 
 
-def _p_value(one: pd.DataFrame, other: pd.DataFrame) -> float:
-    both = one.merge(other, on="pair_id", suffixes=("", "_other"))
-    if both.empty:
-        return 1.0
-    return mcnemar(Pairs.from_outcomes(both["won"].to_numpy(np.float64), both["won_other"].to_numpy(np.float64)))
+def _p_values(outcomes: Sequence[pd.DataFrame], pairs: Sequence[tuple[int, int]]) -> list[float]:
+    """McNemar's test of each pair of policies on the episodes of both; 1 if there are none."""
+    import pandas as pd
+    from scipy.sparse import csr_array
+
+    policy = np.repeat(np.arange(len(outcomes)), [len(rows) for rows in outcomes])
+    episode, known = pd.factorize(
+        np.concatenate([rows["pair_id"].to_numpy(object) for rows in outcomes]), use_na_sentinel=False
+    )
+    won = np.concatenate([rows["won"].to_numpy(np.int64) for rows in outcomes])
+    shape = len(outcomes), len(known)
+    successes, failures = (csr_array((count, (policy, episode)), shape) for count in (won, 1 - won))
+    better = (successes @ failures.T).toarray()  # episodes that the first solved and the second did not
+    test = cache(mcnemar)
+    return [test(Pairs(0, int(better[a, b]), int(better[b, a]), 0)) for a, b in pairs]
 
 
 def _row(one: PolicyEpisodes, rows: pd.DataFrame, letters: str) -> LeaderboardRow:

@@ -54,6 +54,8 @@ COLUMNS = (*comparison.COLUMNS, "axis", "severity", *PROTOCOL)
 """Fields of the record that a comparison needs."""
 ALL_PAIRS = 4
 """Number of policies up to which every pair is compared; letters summarise the pairs of more."""
+MOST_NAMED = 20
+"""Pairs without a common episode that are named."""
 
 
 class NotComparable(RunError):
@@ -203,18 +205,24 @@ def compare_all(
     if len(sides) < 2:
         raise RunError(f"{run.name}: expected two policies or more to compare, got {', '.join(sides) or 'none'}")
     baseline, pairs = _pairs(run.document, list(sides))
-    compared, failed = [], []
+    compared, unnamed = [], 0
+    failed: list[str] = []
     every = baseline is not None or len(sides) <= ALL_PAIRS
     if not every and len(sides) > MOST_POLICIES:
         pairs = []
     verdicts = {} if every else {name: _verdicts(side) for name, side in sides.items()}
     for one, other in pairs:
-        if not every and verdicts[one] & verdicts[other]:
+        if not every and not verdicts[one].isdisjoint(verdicts[other]):
             continue  # The letters summarise it.
+        if len(failed) >= MOST_NAMED and verdicts:
+            unnamed += 1
+            continue
         try:
             compared.append(_compare(sides[one], sides[other], alpha, margin, frozenset(Difference)))
         except NotComparable as error:
             failed.append(str(error))
+    if unnamed:
+        failed.append(f"{unnamed:,} more pairs that share no episode")
     standings = leaderboard(list(map(_played, sides.values())), alpha) if baseline is None and len(sides) > 2 else []
     count = len(sides) if baseline is None else len(pairs) + 1
     return PairwiseComparisons(
@@ -233,7 +241,7 @@ def _pairs(document: RunDocument, names: Sequence[str]) -> tuple[str | None, lis
     """The baseline of the suite's comparison, if it has one, and the pairs to compare."""
     sides = document.suite.comparison
     if sides is not None and sides.baseline in names:
-        others = [name for name in sides.others if name in names]
+        others = [name for name in dict.fromkeys(sides.others) if name in names]
         if others:
             return sides.baseline, [(name, sides.baseline) for name in others]
     return None, list(combinations(names, 2))

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
+from robogauntlet.results.analysis.leaderboard import MOST_POLICIES
 from robogauntlet.results.analysis.pairwise import ALL_PAIRS, Line, PairwiseComparison, PairwiseComparisons
 from robogauntlet.results.analysis.pairwise_conditions import ConditionLine
 from robogauntlet.results.report import formatting, paired_behaviour
@@ -161,6 +162,8 @@ def summary(comparisons: PairwiseComparisons) -> list[str]:
     lines = [f"Not compared: {reason}." for reason in comparisons.not_compared]
     if comparisons.is_adaptive:
         lines.append("The suite is adaptive: the number of pairs depends on outcomes, so the p-values are not exact.")
+    if comparisons.baseline is None and comparisons.policies > MOST_POLICIES:
+        lines.append(f"Pairs and letters of more than {MOST_POLICIES} policies are left out.")
     if comparisons.baseline is None and comparisons.policies > ALL_PAIRS:
         lines.append(
             f"{comparisons.policies} policies have too many pairs to list; "

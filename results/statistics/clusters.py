@@ -210,7 +210,10 @@ def _is_explained(
 def _short_list(half: _Half) -> list[Places]:
     """Candidates worth testing, best first."""
     scored: list[tuple[float, Places]] = []
-    columns = range(half.severities.shape[1])
+    least = _least(half)
+    counts = (half.severities >= 1).sum(axis=0)
+    # A pair has no more episodes than either of its conditions, so rare axes are in none.
+    columns = [column for column, count in enumerate(counts) if count >= least]
     for chosen in (*combinations(columns, 1), *combinations(columns, 2)):
         scores = _scores(half, chosen)
         best = np.unravel_index(int(np.argmax(scores)), scores.shape)
@@ -222,6 +225,11 @@ def _short_list(half: _Half) -> list[Places]:
         if not any(_overlap(half.mask(places), half.mask(better)) >= OVERLAP for better in kept):
             kept.append(places)
     return kept[:MOST]
+
+
+def _least(half: _Half) -> float:
+    """Fewest episodes of a candidate."""
+    return max(LEAST_EPISODES, LEAST_SHARE * len(half.failed))
 
 
 def _scores(half: _Half, chosen: tuple[int, ...]) -> NDArray[np.float64]:
@@ -239,7 +247,7 @@ def _scores(half: _Half, chosen: tuple[int, ...]) -> NDArray[np.float64]:
         for whole in parents
     ]
     total = len(half.failed)
-    least = max(LEAST_EPISODES, LEAST_SHARE * total)
+    least = _least(half)
     supported = (counts[within] >= least) & (counts[within] <= total - least)
     return np.where(supported, np.min(roots, axis=0), -np.inf)
 

@@ -5,10 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robogauntlet.results.analysis import pairwise
 from robogauntlet.results.analysis.comparison import Difference, Run
 from robogauntlet.results.analysis.pairwise import (
     ALL_PAIRS,
     COLUMNS,
+    MOST_NAMED,
     NotComparable,
     PolicyRows,
     compare_all,
@@ -254,6 +256,21 @@ def test_a_policy_with_errors_only_is_listed_as_not_compared():
     assert [(one.first.policy, one.second.policy) for one in found.comparisons] == [("a", "b")]
     assert len(found.not_compared) == 2
     assert found.not_compared[0].startswith("run:a and run:c share no episode: run:c has no clean episode")
+
+
+def test_pairs_without_a_common_episode_are_explained_up_to_a_number(monkeypatch):
+    names = tuple(f"p{number}" for number in range(30))
+    explained, really = [], pairwise._why_none
+    monkeypatch.setattr(pairwise, "_why_none", lambda *sides: explained.append(sides) or really(*sides))
+    played = run(lambda cell, seed: "success" if cell.policy == names[seed] else None, names, seeds=range(30))
+    found = compare_all(played)
+    assert len(explained) == MOST_NAMED == len(found.not_compared) - 1
+    assert found.not_compared[-1] == f"{30 * 29 // 2 - MOST_NAMED} more pairs that share no episode"
+
+
+def test_a_policy_that_a_suite_names_many_times_is_compared_once():
+    found = compare_all(run(always, compare={"baseline": "a", "others": ["b"] * 9_999}))
+    assert (len(found.comparisons), found.policies) == (1, 2)
 
 
 def test_a_single_policy_cannot_be_compared():

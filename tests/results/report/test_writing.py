@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import time
 from html.parser import HTMLParser
 from io import BytesIO
 
@@ -326,3 +327,12 @@ def test_the_provenance_is_complete(tmp_path):
         assert cells()[0].policy_digest in text
     assert "the file itself" in page
     assert json.loads(paths.summary.read_text())["provenance"]["git_dirty"] is True
+
+
+def test_a_report_of_many_policies_is_written_in_seconds_and_says_what_it_leaves_out(tmp_path):
+    names = [f"step-{number}" for number in range(200)]
+    plan, start = cells(names, ("maniskill/PushCube-v1",)), time.monotonic()
+    paths = report(tmp_path, document(1, plan, policies=names), rows(plan, planned=1))
+    assert time.monotonic() - start < 20
+    for file in (paths.markdown, paths.html):
+        assert "Pairs and letters of more than 100 policies are left out." in file.read_text()

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robogauntlet.results.statistics import clusters as module
 from robogauntlet.results.statistics.clusters import AxisCondition, failure_clusters
 
 few = settings(max_examples=10, deadline=None)
@@ -224,3 +225,12 @@ def test_names_that_repeat_are_refused():
 def test_an_impossible_alpha_is_refused(alpha):
     with pytest.raises(ValueError, match="expected an alpha between 0 and 1"):
         clusters(GOOD, alpha=alpha)
+
+
+def test_axes_that_are_too_rare_for_a_cluster_are_in_no_pair(monkeypatch):
+    scored, really = [], module._scores
+    monkeypatch.setattr(module, "_scores", lambda half, chosen: scored.append(chosen) or really(half, chosen))
+    severities, failed = np.repeat(np.eye(300), 2, axis=0), np.tile([True, False], 300)
+    axes = [f"axis-{number}" for number in range(300)]
+    failure_clusters(severities, failed, np.tile([0, 1], 300), axes, np.random.default_rng(0))
+    assert scored == []
