@@ -6,6 +6,8 @@ import logging
 import os
 import socket
 import sys
+import threading
+import time
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +24,8 @@ log = logging.getLogger("robogauntlet.dashboard")
 TOKEN_READ = "ROBOGAUNTLET_TOKEN_READ"
 LEAST_TOKEN = 16
 """Fewest characters of a token that other machines may try."""
+LAST_S = 1.0
+"""Time that threads have to end after the server (s)."""
 PublicUrl = Annotated[
     str | None,
     typer.Option(
@@ -79,6 +83,19 @@ def serve(
         sys.setswitchinterval(SWITCH_S)
         with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
             uvicorn.Server(server_config(app)).run(sockets=[listening])
+    _end_slow_answers()
+
+
+def _end_slow_answers() -> None:
+    """End the process if threads still compute answers: nobody waits for them, but the interpreter would."""
+    until = time.monotonic() + LAST_S
+    for thread in threading.enumerate():
+        if thread not in (threading.current_thread(), threading.main_thread()) and not thread.daemon:
+            thread.join(max(0.0, until - time.monotonic()))
+            if thread.is_alive():
+                log.warning("stopped before all slow answers were computed")
+                sys.stdout.flush()
+                os._exit(0)
 
 
 def _log_to_stderr() -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import cast
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs, upload
 from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
@@ -41,8 +42,18 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
         app.include_router(module.router)
     for kind in (StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
+
+    async def answering(scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await app(scope, receive, send)
+        except asyncio.CancelledError:  # the server stops and waits no longer
+            if scope["type"] != "http":
+                raise
+            with suppress(RuntimeError):  # the answer has begun
+                await line("The server was stopped.", 503)(scope, receive, send)
+
     return BodyDeadline(
-        SecurityMiddleware(app, host=settings.host, public=settings.public, access=app_state.access),
+        SecurityMiddleware(answering, host=settings.host, public=settings.public, access=app_state.access),
         settings.body_grace_s,
     )
 

@@ -1,9 +1,11 @@
 """Answers while slow pages are computed."""
 
 import socket
+import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -14,7 +16,7 @@ from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from tests.orchestrator.dashboard.conftest import NOW, fill, serving
 from tests.orchestrator.dashboard.filled import DAY, nightly_run
-from tests.processes import run_process
+from tests.processes import environment_of, run_process
 
 ASKING = 50
 """More than the threads that all pages share."""
@@ -121,6 +123,28 @@ def test_threads_that_compute_leave_the_interpreter_to_requests_soon(tmp_path):
     done = run_process([sys.executable, "-c", code, "serve", "--port", "0", "--history", history])
     assert f"interval {SWITCH_S}" in done.stdout
     assert sys.getswitchinterval() > 2 * SWITCH_S
+
+
+def test_a_signal_ends_the_dashboard_while_a_slow_answer_is_computed(tmp_path):
+    ((_, run, _),) = fill(tmp_path, nights=1)
+    code = "import time\nfrom robogauntlet.orchestrator.dashboard import compare\n"
+    code += "def slow(*_):\n    print('computing', flush=True)\n    time.sleep(120)\n"
+    code += "compare.open_entry = slow\nfrom robogauntlet.orchestrator.cli import main\nmain()"
+    command = [sys.executable, "-c", code, "serve", "--port", "0", "--history", file_url(tmp_path / "history.sqlite")]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment_of(), **pipes) as server:
+        try:
+            address = urlsplit(server.stdout.readline().split()[1])
+            with socket.create_connection((address.hostname, address.port)) as client:
+                client.sendall(
+                    f"GET /compare?policies={run.run_id} HTTP/1.1\r\nhost: {address.netloc}\r\n\r\n".encode()
+                )
+                assert server.stdout.readline() == "computing\n"
+                server.terminate()
+                assert server.wait(10) == 0
+            assert "Traceback" not in server.stderr.read()
+        finally:
+            server.kill()
 
 
 def test_runs_are_imported_again_after_any_error(tmp_path, monkeypatch):
