@@ -15,7 +15,7 @@ from robogauntlet.results.analysis.combinations import (
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.formatting import TextTable, p_value, percent, rate, span
 from robogauntlet.results.report.media import Video
-from robogauntlet.results.statistics.clusters import AxisCondition, Cluster
+from robogauntlet.results.statistics.clusters import MOST_AXES, AxisCondition, Cluster
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.results.statistics.sensitivity import AxisSensitivity
 from robogauntlet.suites.axes import AXES
@@ -67,6 +67,8 @@ def _how_sure(found: PolicyCombinations) -> str:
         parts.append(
             f"the axes explain {share} of the variance of one episode, the rest is its task, start state and chance"
         )
+    if len(found.effects) > MOST_AXES:
+        parts.append(f"failure clusters of two axes are left out, as there are more than {MOST_AXES} axes")
     left_out = {"base point": found.base_points_left_out, "start state": found.start_states_left_out}
     if any(left_out.values()):
         named = _listed([formatting.counted(number, noun) for noun, number in left_out.items() if number])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ LEAST_SCORE = 1.645
 """Candidates that score less in discovery are not tested: the one-sided 5 % point of a normal distribution."""
 MOST = 10
 """Candidates that are tested."""
+MOST_AXES = 100
+"""Axes up to which pairs are candidates."""
 OVERLAP = 0.8
 """Of two candidates, the lower-scored is dropped if they share this part of the episodes that either has."""
 DRAWS = 9999
@@ -133,7 +135,8 @@ def failure_clusters(
     (M. Kulldorff, "A spatial scan statistic", Commun. Statist. Theory Meth. 26 (1997) 1481-1496): of its episodes
     against all others, and for a pair also against those that satisfy only one of its conditions, the least of the
     three. Each axis and each pair of axes has one candidate, at the thresholds that score highest. Those that nearly
-    coincide with a better one are dropped, and the best `MOST` are tested.
+    coincide with a better one are dropped, and the best `MOST` are tested. Pairs of more than `MOST_AXES` axes are left
+    out.
 
     A candidate is a cluster if it fails more often than all others do, and a pair also more often than the episodes
     that satisfy only its first condition, and only its second: the largest p-value counts (an intersection-union test:
@@ -214,7 +217,8 @@ def _short_list(half: _Half) -> list[Places]:
     counts = (half.severities >= 1).sum(axis=0)
     # A pair has no more episodes than either of its conditions, so rare axes are in none.
     columns = [column for column, count in enumerate(counts) if count >= least]
-    for chosen in (*combinations(columns, 1), *combinations(columns, 2)):
+    sizes = (1, 2) if half.severities.shape[1] <= MOST_AXES else (1,)
+    for chosen in chain.from_iterable(combinations(columns, size) for size in sizes):
         scores = _scores(half, chosen)
         best = np.unravel_index(int(np.argmax(scores)), scores.shape)
         if scores[best] >= LEAST_SCORE:

@@ -23,6 +23,7 @@ from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.run_document import Provenance, RunError, RunStatus
 from robogauntlet.results.run_owner import MARK_FILE
 from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.suites.episode import Condition, Perturbation
 from tests.results.synthetic import cells, document, row, rows, run_folder, tables_of
 
 HOSTILE = "<script>alert('x')</script>"
@@ -327,6 +328,16 @@ def test_the_provenance_is_complete(tmp_path):
         assert cells()[0].policy_digest in text
     assert "the file itself" in page
     assert json.loads(paths.summary.read_text())["provenance"]["git_dirty"] is True
+
+
+def test_a_report_of_many_axes_and_combinations_is_written_in_seconds_and_says_what_it_leaves_out(tmp_path):
+    pairs = [[Perturbation(f"{axis}-{number}", 2) for axis in ("left", "right")] for number in range(300)]
+    conditions = (Condition(), *(Condition(f"axis-{n}", 1) for n in range(100)), *(Condition.of(*p) for p in pairs))
+    plan, start = cells(["oracle"], ("maniskill/PushCube-v1",), conditions), time.monotonic()
+    paths = report(tmp_path, document(2, plan), rows(plan, planned=2))
+    assert time.monotonic() - start < 20
+    sentence = "ailure clusters of two axes are left out, as there are more than 100 axes"
+    assert sentence in paths.markdown.read_text()
 
 
 def test_a_report_of_many_policies_is_written_in_seconds_and_says_what_it_leaves_out(tmp_path):

@@ -230,7 +230,15 @@ def test_an_impossible_alpha_is_refused(alpha):
 def test_axes_that_are_too_rare_for_a_cluster_are_in_no_pair(monkeypatch):
     scored, really = [], module._scores
     monkeypatch.setattr(module, "_scores", lambda half, chosen: scored.append(chosen) or really(half, chosen))
-    severities, failed = np.repeat(np.eye(300), 2, axis=0), np.tile([True, False], 300)
-    axes = [f"axis-{number}" for number in range(300)]
-    failure_clusters(severities, failed, np.tile([0, 1], 300), axes, np.random.default_rng(0))
+    severities, failed = np.repeat(np.eye(90), 2, axis=0), np.tile([True, False], 90)
+    axes = [f"axis-{number}" for number in range(90)]
+    failure_clusters(severities, failed, np.tile([0, 1], 90), axes, generator())
     assert scored == []
+
+
+def test_pairs_of_very_many_axes_are_left_out(monkeypatch):
+    scored, really = [], module._scores
+    monkeypatch.setattr(module, "_scores", lambda half, chosen: scored.append(chosen) or really(half, chosen))
+    number = module.MOST_AXES + 1
+    clusters(episodes(lambda levels: levels[:, 0] / 5, axes=number), axes=[f"axis-{n}" for n in range(number)])
+    assert scored == [(n,) for n in range(number)]
