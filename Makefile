@@ -24,7 +24,7 @@ help:
 	@echo "make audit      look up known vulnerabilities of all pinned packages; needs a network"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages than make test reads (ten minutes)"
-	@echo "make chaos      fifty runs under random faults, and twenty on a cluster of namespaces (about two hours)"
+	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, and tests of many minutes (two hours)"
 	@echo "make report     write the newest run's report again"
 	@echo "make zoo        make the shipped checkpoints from nothing into runs/zoo (hours); stopped, it continues"
 	@echo "                PERCENT=1 make zoo: every step of it with a hundredth of the data and training (minutes)"
@@ -109,6 +109,7 @@ fuzz: setup
 chaos: setup
 	$(BIN)/python -m tests.chaos
 	$(BIN)/python -m tests.chaos --cluster --runs 20
+	$(BIN)/python -m pytest -q --long -m long
 
 zoo: setup
 	bash scripts/zoo.sh

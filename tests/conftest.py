@@ -41,6 +41,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--whole", action="store_true", help="fail if tests are skipped, except for what a machine cannot do"
     )
+    parser.addoption("--long", action="store_true", help="also tests that are marked `long`, as `make chaos` does")
 
 
 def lacking_skips(skipped):
@@ -71,9 +72,11 @@ def _elsewhere(item):
 
 def pytest_collection_modifyitems(config, items):
     """Files that take long come first, so that no process is left alone with one at the end."""
-    if elsewhere := [item for item in items if _elsewhere(item)]:
-        config.hook.pytest_deselected(items=elsewhere)
-        items[:] = [item for item in items if item not in elsewhere]
+    long = config.getoption("long")
+    left_out = {item for item in items if _elsewhere(item) or (item.get_closest_marker("long") and not long)}
+    if left_out:
+        config.hook.pytest_deselected(items=[*left_out])
+        items[:] = [item for item in items if item not in left_out]
     weights = {"slow": 60.0, "ray": 8.0, "simulator": 5.0}
     seconds = Counter()
     for item in items:

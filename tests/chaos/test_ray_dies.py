@@ -125,6 +125,7 @@ def test_verify_reports_the_death_of_ray(start, suite, tmp_path):
     assert "died (exit status -9); verify again" in command.log.read_text()
 
 
+@pytest.mark.long
 def test_demonstrate_reports_the_death_of_ray_and_completes_when_repeated(start, tmp_path):
     folder = tmp_path / "data"
     arguments = ("policies", "demonstrate", "null/Slow", "--episodes", 300, "--out", folder)
