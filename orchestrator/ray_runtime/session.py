@@ -170,10 +170,12 @@ def _start(address: str | None, workers: int) -> None:
             replaced(private_module("utils"), "set_sigterm_handler", lambda _: None),
         ):
             ray.init(address or "local", **options)
-    except Exception as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
+    except BaseException as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
         if address is not None:
             raise
-        _end_children(but=children)
+        _end_children(but=children)  # at an interruption, too: Ray's agents would live for a minute
+        if not isinstance(error, Exception):
+            raise
         raise RayLost(f"Ray did not start: {first_line(error)}") from error
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # if this version of Ray set its own

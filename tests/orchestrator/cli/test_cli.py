@@ -255,7 +255,7 @@ def test_a_replay_that_differs_names_the_differing_fields(run_command, small_run
     wanted = episode_of_oracle(folder, 1)
     with sqlite3.connect(folder / "episodes.sqlite") as database:
         database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
-    done = run_command("replay", wanted, "--run", folder)
+    done = run_command("replay", wanted, "--run", folder, "--suite", small_run[0])
     assert done.code == 1
     assert "robogauntlet: steps: stored 999, now" in done.err
 
