@@ -5,6 +5,7 @@ SQLite's locks belong to the process: closing any other descriptor of the file e
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import sqlite3
@@ -68,9 +69,10 @@ def file_of(url: sa.URL) -> Path | None:
 def why_no_database(file: Path, *, create: bool) -> str | None:
     """Return why the file cannot be a database or, with `create`, become one; None if it may be, or cannot be seen."""
     try:
-        beside = [path for end in COMPANIONS if (path := Path(f"{file}{end}")).exists() and not path.is_file()]
-        if beside:  # SQLite waits for what comes from a named pipe
-            return f"{beside[0].name} beside it is no file"
+        for path in (Path(f"{file}{end}") for end in COMPANIONS):
+            with contextlib.suppress(FileNotFoundError):  # another process may have removed it meanwhile
+                if not stat.S_ISREG(path.stat().st_mode):  # SQLite waits for what comes from a named pipe
+                    return f"{path.name} beside it is no file"
         found = file.stat()
     except FileNotFoundError:
         return None if create else "there is no such file"

@@ -59,8 +59,9 @@ def test_a_killed_process_leaves_the_old_file_and_its_own_is_overwritten(tmp_pat
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
     assert target.read_text() == "old"
+    assert (tmp_path / ".file.partial").read_text() == "half"
     with replacing(target) as partial:
-        assert partial.read_text() == "half"
+        assert not partial.exists()
         partial.write_text("new")
     assert names(tmp_path) == ["file"]
 
