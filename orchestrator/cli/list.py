@@ -132,7 +132,7 @@ def _list_episodes(folder: Path, chosen: EpisodeFilter, store: str | None, *, as
         out.print(_table(rows[:MOST_LINES]))
     if not rows or len(rows) > MOST_LINES:
         left = f"{len(rows) - MOST_LINES:,} more; choose by --policy, --task, --condition, --status or --seed"
-        print_line(f"{left}, or print all by --json" if rows else f"{folder}: no episode is so")
+        print_line(f"{left}, or print all by --json" if rows else f"{folder}: no episode matches the options")
 
 
 def _simulators() -> list[Row]:

@@ -144,7 +144,7 @@ def given_variables(sources: Mapping[str, PolicySource]) -> Iterator[str]:
     """Yield a line for each policy that is given variables of the user's environment."""
     for name, source in sources.items():
         if source.variables:
-            yield f"{name} is given {', '.join(source.variables)} of the environment"
+            yield f"policy {name} gets the environment variables {', '.join(source.variables)}"
 
 
 def _variables(options: Mapping[str, Any]) -> dict[str, str]:

@@ -70,7 +70,7 @@ def check_address(address: str) -> None:
         raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}")
     answer = _ask(address)
     if answer == NO_HEAD:
-        raise NoCluster("expected the head of a Ray cluster, what answers there is none")
+        raise NoCluster("expected the head of a Ray cluster, something else answers there")
     if answer == REFUSED:
         raise NoCluster(
             "expected the token of this Ray cluster, it refuses that of this process; set RAY_AUTH_MODE=token and "

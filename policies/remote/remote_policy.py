@@ -157,8 +157,8 @@ class RemotePolicy:
         if self._options.identity is not None and metadata != (self._metadata or metadata):
             self._connection.close()
             raise PolicyError(
-                f"policy server {self._options.address}: expected the metadata that it sent before under identity "
-                f"'{self._options.identity}', got others; give another checkpoint another identity"
+                f"policy server {self._options.address}: its metadata have changed under identity "
+                f"'{self._options.identity}'; give another checkpoint another identity"
             )
         self._metadata = metadata
         self._greeted_connection = self._connection.number

@@ -31,7 +31,11 @@ def assumptions(answers: Sequence[SeedsNeeded], seeds: int) -> list[str]:
 
 def adaptive_sentence(found: AdaptiveSeeds) -> str:
     """When the rule of an adaptive suite decides."""
-    needed = "more than were simulated or than there are" if found.needed is None else f"max_seeds {found.needed:,}"
+    needed = (
+        "more seeds than were simulated, or than the tasks have"
+        if found.needed is None
+        else f"max_seeds {found.needed:,}"
+    )
     return (
         f"adaptive: a condition with a difference of {_points(found.difference)} points and "
         f"{_percent(found.assumed.share)} of pairs that disagree is decided after {found.pairs:,.0f} pairs on average "
@@ -68,7 +72,7 @@ def _method(one: SeedsNeeded, seeds: int) -> str:
 def _too_few(one: SeedsNeeded) -> str:
     if one.seeds is not None:
         return ""
-    return f"; the stored states of a task are {counted(one.most_seeds or 0, 'seed')}, so that it takes more tasks"
+    return f"; a task has only {counted(one.most_seeds or 0, 'stored state')}; add tasks"
 
 
 def _points(share: float) -> str:

@@ -82,7 +82,7 @@ def test_the_variables_of_a_policy_are_shown_by_name_and_are_no_part_of_its_cont
     (tmp_path / "looking.py").write_text(POLICY)
     options = {"callable": "looking:look", "folder": str(tmp_path)}
     source = PolicySource("python", {**options, "variables": ["HF_TOKEN", "NOT_SET"]})
-    assert [*given_variables({"p": source})] == ["p is given HF_TOKEN of the environment"]
+    assert [*given_variables({"p": source})] == ["policy p gets the environment variables HF_TOKEN"]
     assert "geheim" not in repr(source)
     assert catalog.digest("python", source.options) == catalog.digest("python", options)
 
@@ -107,7 +107,7 @@ def test_a_scheduled_run_and_its_workers_have_only_what_they_need(secrets, tmp_p
     finally:
         begun.process.kill()
     assert not set(SERVER_SECRETS) & set(its)
-    assert "p is given SEEN, HF_TOKEN of the environment" in (tmp_path / "run" / LOG_FILE).read_text()
+    assert "policy p gets the environment variables SEEN, HF_TOKEN" in (tmp_path / "run" / LOG_FILE).read_text()
     assert {name for name in RUN_SECRETS if "geheim" in its.get(name, "")} == set(RUN_SECRETS) & set(secrets)
     seen = (tmp_path / "seen").read_text()
     found = [name for name, value in secrets.items() if value in seen and not name.startswith(POLICY_TOKEN)]

@@ -351,7 +351,7 @@ def test_unavailable_resources_stop_the_run_before_the_first_episode(run, suite,
 def test_a_clock_of_another_century_is_one_line(run, suite, monkeypatch, moment):
     clock = SimpleNamespace(time=lambda: moment, monotonic=time.monotonic)
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run_document.time", clock)
-    with one_line_error(PlanError, "expected a clock between the years 1970 and 2200"):
+    with one_line_error(PlanError, "this machine's clock is before 1970 or after 2200; set it"):
         run(suite())
     assert not (run.folder / "run.json").exists()
 

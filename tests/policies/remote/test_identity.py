@@ -51,7 +51,7 @@ def test_metadata_that_change_under_one_identity_are_refused_at_reconnection_and
         connection.send(pack(CHUNK))
         connection.close()
 
-    message = "expected the metadata that it sent before under identity 'mine', got others; give another checkpoint"
+    message = "its metadata have changed under identity 'mine'; give another checkpoint"
     with speaking(once) as address:
         contact = catalog.find("openpi").contact({"address": address, "identity": "mine", **QUICK})
         planned = catalog.load("openpi", contact.options)

@@ -52,9 +52,7 @@ def test_no_more_seeds_are_proposed_than_there_are():
     assert enough.seeds == seeds_for_width(size(), 0.05, rate=0.8)[0].seeds == 62
     assert (single.seeds, single.episodes, single.worker_s, single.is_enough) == (None, None, None, False)
     assert seeds_table([enough, single], 20).rows[1][1:3] == ("over 62", "–")
-    assert assumptions([enough, single], 20)[1].endswith(
-        "; the stored states of a task are 62 seeds, so that it takes more tasks"
-    )
+    assert assumptions([enough, single], 20)[1].endswith("; a task has only 62 stored states; add tasks")
     rule = AdaptiveEntry(max_seeds=50, round=10)
     assert adaptive_seeds(size(adaptive=rule), 0.02).needed > 50
     assert adaptive_seeds(size(adaptive=rule, most_seeds=50), 0.02).needed is None
