@@ -31,7 +31,7 @@ from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import View
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild, serve
 from robogauntlet.support.errors import describe
-from robogauntlet.support.secret_variables import without_secrets
+from robogauntlet.support.secret_variables import playing_variables
 
 LOADING_S = 600.0
 """Time in which a policy is imported and built (s)."""
@@ -51,7 +51,7 @@ class PlannedPolicy:
         """
         self._name = name
         command = [sys.executable, "-P", "-m", "robogauntlet.orchestrator.inference.planned_policy"]
-        environment = {**without_secrets(os.environ), **(source.variables or {})}
+        environment = {**playing_variables(os.environ), **(source.variables or {})}
         self._process = JsonChild(command, environment=environment, own_group=True)
         try:
             request = {"name": name, "kind": source.kind, "options": source.options, "path": sys.path}

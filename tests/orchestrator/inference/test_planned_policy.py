@@ -1,6 +1,5 @@
 """Whatever a policy's code does while a run is planned, the command goes on, or says in one line why not."""
 
-import os
 import sys
 import threading
 from contextlib import closing
@@ -14,6 +13,7 @@ from robogauntlet.orchestrator.inference import planned_policy
 from robogauntlet.orchestrator.inference.planned_policy import PlannedPolicy, planned_spec
 from robogauntlet.policies.contract import PolicyError, PolicyInput
 from robogauntlet.suites.episode import View
+from robogauntlet.support.secret_variables import POLICY_TOKEN
 from tests.errors import one_line_error
 
 WANDERING = """
@@ -93,8 +93,8 @@ def test_a_module_that_hangs_is_one_line(source, monkeypatch):
         planned_spec("mine", source("while True: pass"))
 
 
-def test_a_module_gets_no_secret(source, monkeypatch):
+def test_a_module_gets_the_tokens_of_policy_servers_as_in_workers_and_no_other_secret(source, monkeypatch):
     monkeypatch.setenv("GITHUB_TOKEN", "secret")
-    assert "GITHUB_TOKEN" in os.environ
+    monkeypatch.setenv(POLICY_TOKEN, "token")
     with one_line_error(PolicyError, "KeyError: 'GITHUB_TOKEN'"):
-        planned_spec("mine", source("import os; os.environ['GITHUB_TOKEN']"))
+        planned_spec("mine", source(f"import os; os.environ['{POLICY_TOKEN}']; os.environ['GITHUB_TOKEN']"))
