@@ -114,7 +114,8 @@ class _Asked:
                 self.name = request["name"]
                 sys.path[:] = request["path"]
                 self.policy = build_policy(PolicySource(request["kind"], request["options"]))
-                return {"spec": _SPEC.dump_python(PolicySpec(**_fields(self.policy.spec)), mode="json")}
+                spec = PolicySpec(**_fields(self.policy.spec))
+                return {"spec": _SPEC.dump_python(spec, mode="json", fallback=str)}  # numbers of numpy as digits
             if isinstance(self.policy, FunctionPolicy | StatefulFunctionPolicy):
                 view = View(tuple(request["cameras"]), request["image_size"])
                 task = TaskDescription(request["instruction"], 1, arms=request["arms"], joints=tuple(request["joints"]))

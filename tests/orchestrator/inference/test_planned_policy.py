@@ -11,7 +11,7 @@ from robogauntlet.adapters.contract import TaskDescription
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference import planned_policy
 from robogauntlet.orchestrator.inference.planned_policy import PlannedPolicy, planned_spec
-from robogauntlet.policies.contract import PolicyError, PolicyInput
+from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicySpec
 from robogauntlet.suites.episode import View
 from robogauntlet.support.secret_variables import POLICY_TOKEN
 from tests.errors import one_line_error
@@ -41,7 +41,20 @@ MODULES = {
         "class act(StatelessPolicy):\n  spec = PolicySpec(PolicyInput.NOTHING, 'eight')\n  def act(self, queries): ...",
         "expected a spec of the contract: chunk_length",
     ),
+    "a spec of an object": (
+        "from robogauntlet.policies.contract import *\n"
+        "class act(StatelessPolicy):\n  spec = PolicySpec(PolicyInput.NOTHING, object())\n  act = None",
+        "expected a spec of the contract: chunk_length",
+    ),
 }
+NUMPY = """
+import numpy as np
+from robogauntlet.policies.contract import *
+
+class act(StatelessPolicy):
+    spec = PolicySpec(PolicyInput.OBSERVATION, np.int64(8), image_size=np.int32(96), variants=np.bool_(True))
+    def act(self, queries): ...
+"""
 
 
 @pytest.fixture
@@ -98,3 +111,8 @@ def test_a_module_gets_the_tokens_of_policy_servers_as_in_workers_and_no_other_s
     monkeypatch.setenv(POLICY_TOKEN, "token")
     with one_line_error(PolicyError, "KeyError: 'GITHUB_TOKEN'"):
         planned_spec("mine", source(f"import os; os.environ['{POLICY_TOKEN}']; os.environ['GITHUB_TOKEN']"))
+
+
+def test_numbers_of_numpy_in_a_spec_are_numbers(source):
+    spec = planned_spec("mine", source(NUMPY))
+    assert spec == PolicySpec(PolicyInput.OBSERVATION, 8, image_size=96, variants=True)
