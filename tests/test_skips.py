@@ -2,9 +2,11 @@
 
 from types import SimpleNamespace
 
+from robogauntlet.orchestrator import adapter_kit
 from tests.conftest import lacking_skips, pytest_sessionfinish
 
-KIT = "/here/orchestrator/adapter_kit/__init__.py"
+KIT = adapter_kit.__file__
+TESTS = "/here/tests/orchestrator/adapter_kit/test_checks.py"
 
 
 def skipped(reason, file="/here/tests/test_it.py"):
@@ -13,8 +15,9 @@ def skipped(reason, file="/here/tests/test_it.py"):
 
 def test_skips_count_unless_the_machine_cannot_do_more_or_a_conformance_test_lists_them():
     reports = [skipped("not installed: gearbox"), skipped("not installed: gearbox"), skipped("this machine has no GPU")]
-    found = lacking_skips([*reports, skipped("could not import 'gearbox'"), skipped("it has two arms", KIT)])
-    assert found == {"not installed: gearbox": 2, "could not import 'gearbox'": 1}
+    reports += [skipped("could not import 'gearbox'"), skipped("it has two arms", KIT), skipped("no kit", TESTS)]
+    found = lacking_skips(reports)
+    assert found == {"not installed: gearbox": 2, "could not import 'gearbox'": 1, "no kit": 1}
 
 
 def test_the_whole_check_fails_for_them_and_says_how_many():

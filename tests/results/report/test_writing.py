@@ -333,17 +333,17 @@ def test_the_provenance_is_complete(tmp_path):
 def test_a_report_of_many_axes_and_combinations_is_written_in_seconds_and_says_what_it_leaves_out(tmp_path):
     pairs = [[Perturbation(f"{axis}-{number}", 2) for axis in ("left", "right")] for number in range(300)]
     conditions = (Condition(), *(Condition(f"axis-{n}", 1) for n in range(100)), *(Condition.of(*p) for p in pairs))
-    plan, start = cells(["oracle"], ("maniskill/PushCube-v1",), conditions), time.monotonic()
+    plan, start = cells(["oracle"], ("maniskill/PushCube-v1",), conditions), time.process_time()
     paths = report(tmp_path, document(2, plan), rows(plan, planned=2))
-    assert time.monotonic() - start < 20
+    assert time.process_time() - start < 20
     sentence = "ailure clusters of two axes are left out, as there are more than 100 axes"
     assert sentence in paths.markdown.read_text()
 
 
 def test_a_report_of_many_policies_is_written_in_seconds_and_says_what_it_leaves_out(tmp_path):
     names = [f"step-{number}" for number in range(200)]
-    plan, start = cells(names, ("maniskill/PushCube-v1",)), time.monotonic()
+    plan, start = cells(names, ("maniskill/PushCube-v1",)), time.process_time()
     paths = report(tmp_path, document(1, plan, policies=names), rows(plan, planned=1))
-    assert time.monotonic() - start < 20
+    assert time.process_time() - start < 20
     for file in (paths.markdown, paths.html):
         assert "Pairs and letters of more than 100 policies are left out." in file.read_text()
