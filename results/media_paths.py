@@ -11,6 +11,11 @@ SHARED_BY = ("pair_id", "state_hash", "actions_hash", "final_state_hash")
 """Fields of a row that are equal for policies that acted identically, so that one video shows the episodes of all."""
 
 
+def _name(text: str) -> str:
+    """A part of a file's name, which stays in its folder whatever a row of others holds."""
+    return text.replace("/", "__").replace("\0", "")
+
+
 def videos_folder(folder: Path) -> Path:
     """Return the folder with a run's videos."""
     return folder / MEDIA / "videos"
@@ -18,19 +23,19 @@ def videos_folder(folder: Path) -> Path:
 
 def video_path(folder: Path, episode_id: str) -> Path:
     """Return the path of the video of an episode (mp4)."""
-    return videos_folder(folder) / f"{episode_id}.mp4"
+    return videos_folder(folder) / f"{_name(episode_id)}.mp4"
 
 
 def changed_video_path(folder: Path, episode_id: str, condition: Condition) -> Path:
     """Return the path of the video of an episode beside the same under another condition (mp4)."""
-    return folder / MEDIA / "changed" / f"{episode_id}-{content_hash(str(condition), length=8)}.mp4"
+    return folder / MEDIA / "changed" / f"{_name(episode_id)}-{content_hash(str(condition), length=8)}.mp4"
 
 
 def picture_path(folder: Path, task: str) -> Path:
     """Return the path of the picture of a task (PNG)."""
-    return folder / MEDIA / "pictures" / f"{task.replace('/', '__')}.png"
+    return folder / MEDIA / "pictures" / f"{_name(task)}.png"
 
 
 def snapshot_path(folder: Path, task: str, condition: Condition) -> Path:
     """Return the path of the first observation of a task under a condition, cameras side by side (PNG)."""
-    return folder / MEDIA / "snapshots" / f"{task.replace('/', '__')}@{condition.axis}@{condition.severity}.png"
+    return folder / MEDIA / "snapshots" / f"{_name(f'{task}@{condition.axis}@{condition.severity}')}.png"

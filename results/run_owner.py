@@ -23,16 +23,18 @@ KEY_FILE = "run-key"
 KEY_BYTES = 32
 
 
-def mark_as_own(folder: Path, document: RunDocument) -> None:
+def mark_as_own(folder: Path, document: RunDocument) -> bool:
     """Mark a run that this user plays; `is_own` is true from then on, in this folder and for these policies.
 
-    Without a folder for the user's state that can be written, the run stays unmarked.
+    Return whether it could be marked: not without a folder for the user's state that can be written.
 
     Raises:
         OSError: The run folder cannot be written.
     """
-    if (key := _key(create=True)) is not None:
-        write_whole(folder / MARK_FILE, _mark(key, folder, document) + "\n")
+    if (key := _key(create=True)) is None:
+        return False
+    write_whole(folder / MARK_FILE, _mark(key, folder, document) + "\n")
+    return True
 
 
 def is_own(folder: Path, document: RunDocument) -> bool:

@@ -26,7 +26,7 @@ from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.conditions import changed_condition
 from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.errors import BadInput
-from robogauntlet.support.text import counted
+from robogauntlet.support.text import counted, visible
 
 
 def replay_episode(
@@ -72,6 +72,8 @@ def replay_episode(
         row = rows.find(episode_id) if episode_id else by_name
     if row is None:
         raise BadInput(f"{folder}: no episode {episode_id}; ids are listed by: robogauntlet list episodes {folder}")
+    if row.episode_id != row.episode.id:
+        raise BadInput(f"{folder}: the row of episode {visible(row.episode_id)} is that of another; it is not replayed")
     changes = given or left_out
     condition = changed_condition(row.episode.condition, given or (), left_out or ()) if changes else None
     if condition is not None and (reason := why_impossible(condition, row.task)):

@@ -42,6 +42,7 @@ from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
 from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
+from robogauntlet.results.run_owner import is_own
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.run_history import history_url
 from robogauntlet.suites.selection import SuiteSelection, option_of
@@ -191,7 +192,7 @@ def _refuse_run_folder(suite: str) -> None:
     folder = Path(suite)
     if folder.is_dir() and (folder / RUN_FILE).exists():
         document = read_run(folder)
-        command = document.command if document.origin == "local" else None
+        command = document.command if is_own(folder, document) else None
         command = command or shlex.join(["robogauntlet", "run", document.suite_path, "--out", suite])
         raise BadInput(f"{suite}: expected a suite file, this is a run folder; to continue its run: {command}")
 

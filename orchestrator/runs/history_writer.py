@@ -19,9 +19,12 @@ LIVE_STATUS_S = 1.0
 class HistoryWriter:
     """Writes one run into the stores. The run goes on if the history cannot be written."""
 
-    def __init__(self, folder: Path, store: Store, url: str | None, schedule: str | None) -> None:
-        """Open the history at `url`, if any, besides the store with the run's rows."""
-        self._folder, self._schedule = folder, schedule
+    def __init__(self, folder: Path, store: Store, url: str | None, schedule: str | None, *, imported: bool) -> None:
+        """Open the history at `url`, if any, besides the store with the run's rows.
+
+        A history that does not know the run records it as imported if `imported`.
+        """
+        self._folder, self._schedule, self._imported = folder, schedule, imported
         self._run_history = History(store.database)
         self._history: History | None = None
         self._live_status_at = 0.0
@@ -43,7 +46,8 @@ class HistoryWriter:
         self._run_history.record(document, self._folder, counts, self._schedule)
         if self._history not in (None, self._run_history):
             try:
-                self._history.record(document, self._folder, counts, self._schedule)
+                imported = self._imported and not self._history.knows(document.run_id)
+                self._history.record(document, self._folder, counts, self._schedule, imported=imported)
             except StoreError as error:
                 self._drop_history(error)
 

@@ -157,7 +157,7 @@ class RunSession:
         self._observer = RunObserver(
             document, plan.unavailable, progress, self._history_writer, self._tracking, self._save_elapsed
         )
-        self._observer.warnings.extend(plan.warnings)
+        self._observer.warnings.extend([*plan.warnings, *self._place.warnings])
         self._start_s: dict[str, float] = {}
         """Simulator to the time that its latest worker took from its start to its first result."""
         self._status = RunStatus.COMPLETE

@@ -7,16 +7,28 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from platformdirs import user_state_path
+
 from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.record import EpisodeResult
-from robogauntlet.results.run_document import RUN_FILE, STORE_FILE, RunDocument, RunStatus, store_url, write_run
-from robogauntlet.results.run_owner import mark_as_own
+from robogauntlet.results.run_document import (
+    RUN_FILE,
+    STORE_FILE,
+    RunDocument,
+    RunStatus,
+    read_run,
+    store_url,
+    write_run,
+)
+from robogauntlet.results.run_owner import is_own, mark_as_own
 from robogauntlet.results.store.database import StoreError, without_password
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.support.errors import describe_os_error
 from robogauntlet.support.files import write_whole
+
+UNMARKED = "verify and replay will need --suite FILE, and a history that does not know the run records it as imported"
 
 
 class RunPlace:
@@ -36,6 +48,9 @@ class RunPlace:
         if continued and url is not None and without_password(url) != document.store_url:
             Store.open_begun(folder, document, url).close()  # another store, which must contain the run's rows
         self._plan, self.folder, self.url = plan, folder, url
+        self._is_own = not continued or is_own(folder, read_run(folder))
+        """Whether this user played all rows that are there."""
+        self.warnings: list[str] = []
         self.store = Store.open(store_url(folder, document, url), document.run_id)
         try:
             self._write(document, plan.path)
@@ -46,7 +61,12 @@ class RunPlace:
     def _write(self, document: RunDocument, suite: Path) -> None:
         if not suite.exists():  # composed of options
             write_whole(suite, self._plan.text)
-        mark_as_own(self.folder, document)
+        if not self._is_own:
+            self.warnings = [f"{self.folder}: you did not begin this run in this folder; {UNMARKED}"]
+        elif not mark_as_own(self.folder, document):
+            self.warnings = [
+                f"this run cannot be marked as yours, as {user_state_path()} cannot be written; {UNMARKED}"
+            ]
         write_run(self.folder, document)
         self._found = self._look()
 
@@ -59,7 +79,7 @@ class RunPlace:
 
     def open_history(self, url: str | None, schedule: str | None) -> HistoryWriter:
         """Open the history at `url`, if it is not the run's store."""
-        return HistoryWriter(self.folder, self.store, url or self.url, schedule)
+        return HistoryWriter(self.folder, self.store, url or self.url, schedule, imported=not self._is_own)
 
     @property
     def is_lost(self) -> bool:

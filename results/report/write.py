@@ -16,6 +16,7 @@ from robogauntlet.results.report.page import render_page
 from robogauntlet.results.report.parquet import read_frame, write_parquet
 from robogauntlet.results.report.summary import Report, ReportPaths, build_summary, render_csv
 from robogauntlet.results.run_document import read_run
+from robogauntlet.results.run_owner import is_own
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.support.files import replacing, write_whole
 
@@ -37,6 +38,8 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
         OSError: A file cannot be written.
     """
     document = read_run(folder)
+    if not is_own(folder, document):  # nobody is told to paste a command of others
+        document = document.model_copy(update={"command": None})
     paths = ReportPaths.in_folder(folder)
     with replacing(paths.episodes, shared=True) as file:
         with closing(Store.open_begun(folder, document, store_url)) as store:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
+from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunError, RunStatus, read_run
 from robogauntlet.results.run_owner import is_own
 from robogauntlet.results.store.database import StoreError, UnstorableValue
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.results.store.run_history import History
+from robogauntlet.results.store.history_records import RunEntry
+from robogauntlet.results.store.run_history import SHORTEST_ID, History
 
+IDENTITY = ("suite", "suite_hash", "plan", "started_at", "rows_hash")
+"""Fields of a document that a run has wherever its folder is moved."""
 CLOCKS_S = 86_400.0
 """By how much the clock of another machine may be ahead (s)."""
 
@@ -29,7 +33,6 @@ def record_run_folders(history: History, root: Path, passed_over: Callable[[str]
         StoreError: The history cannot be read or written.
     """
     known, forgotten = history.folders(), history.forgotten_folders()
-    places = {run_id: folder for folder, (run_id, _) in known.items()}
     taken = 0
     for file in sorted(root.absolute().glob(f"*/{RUN_FILE}")):
         folder = file.parent
@@ -40,11 +43,7 @@ def record_run_folders(history: History, root: Path, passed_over: Callable[[str]
             document = read_run(folder)
             if status == str(document.status) or forgotten.get(str(folder)) == document.run_id:
                 continue
-            if _is_copy(folder, document, places):
-                passed_over(f"{folder.name} is passed over: a copy of {places[document.run_id]}")
-                continue
             record_run_folder(history, folder, document)
-            places[document.run_id] = str(folder)
             taken += 1
         except (RunError, UnstorableValue) as error:
             if str(folder) not in forgotten:
@@ -55,15 +54,19 @@ def record_run_folders(history: History, root: Path, passed_over: Callable[[str]
 def record_run_folder(history: History, folder: Path, document: RunDocument) -> None:
     """Record one run, with the counts of its cells if its rows can be read.
 
-    A run that the history does not know, and that this user did not play in this folder, is the word of others.
+    A run that the history does not know, and that this user did not play in this folder, is recorded as imported.
 
     Raises:
-        RunError: A run of others starts in the future.
+        RunError: The history has another run of this id, or the same in a folder that is still there; or a run of
+            others starts in the future.
         StoreError: The history cannot be written.
     """
-    counted, imported = None, not (history.knows(document.run_id) or is_own(folder, document))
-    if imported:
-        refuse_future(document)
+    counted, imported = None, False
+    if (entry := next(iter(history.entries([document.run_id])), None)) is None:
+        if imported := not is_own(folder, document):
+            refuse_future(document)
+    elif entry.folder != str(folder.absolute()):
+        _refuse_another_run(history, entry, folder, document)
     with contextlib.suppress(RunError, StoreError), closing(Store.open_begun(folder, document)) as rows:
         counted = History(rows.database).count_cells(document.run_id)
     history.record(document, folder, counted, imported=imported)
@@ -76,11 +79,20 @@ def refuse_future(document: RunDocument) -> None:
         raise RunError(f"run {document.run_id}: expected a start in the past, got {started:%Y-%m-%d %H:%M} UTC")
 
 
-def _is_copy(folder: Path, document: RunDocument, places: Mapping[str, str]) -> bool:
-    """Whether the history has this run in another folder, which still holds it."""
-    other = places.get(document.run_id)
-    if other is None or Path(other) == folder:
-        return False
+def _refuse_another_run(history: History, entry: RunEntry, folder: Path, document: RunDocument) -> None:
+    """Refuse a folder that is a copy of a run's folder, or that only says that it is the run. Raises RunError."""
+    held = None
     with contextlib.suppress(RunError):
-        return read_run(Path(other)).run_id == document.run_id
-    return False
+        held = None if entry.folder is None else read_run(Path(entry.folder)).run_id
+    if held == document.run_id:
+        raise RunError(f"a copy of {entry.folder}")
+    stored = history.document(document.run_id)
+    same = all(getattr(stored, name) == getattr(document, name) for name in IDENTITY)
+    if same and document.rows_hash is not None:
+        with closing(Store.open_begun(folder, document)) as rows:
+            same = rows_hash(map(outcome_row, rows.results())) == document.rows_hash
+    if not same:
+        raise RunError(
+            f"it says that it is run {document.run_id}, which the history has with other policies or rows; "
+            f"if this one counts: robogauntlet forget {document.run_id[:SHORTEST_ID]}"
+        )

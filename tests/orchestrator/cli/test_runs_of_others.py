@@ -6,13 +6,14 @@ from contextlib import closing
 import pytest
 
 from robogauntlet.policies import catalog
+from robogauntlet.results.media_paths import video_path, videos_folder
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import read_run, store_url, write_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.schema import policy_entry
-from tests.results.synthetic import document, row, run_folder
+from tests.results.synthetic import document, execute, row, run_folder
 
 RUN_ID = "0123456789abcdef0123456789abcdef"
 IMPORTED = "runs/small-01234567"
@@ -118,12 +119,47 @@ def test_an_imported_run_is_no_baseline_and_on_a_leaderboard_only_if_asked_for(r
     assert "small-01234567 (imported)" in run_command("leaderboard", "small", "--imported").out
 
 
-def test_an_imported_run_says_so_and_repeats_no_command_of_its_author(run_command, tmp_path):
+def test_an_imported_run_says_so(run_command, tmp_path):
     played(tmp_path, "oracle")
     assert run_command("import", tmp_path / "run.robogauntlet").code == 0
     folder = tmp_path / IMPORTED
     assert read_run(folder).origin == "imported"
-    write_run(folder, read_run(folder).model_copy(update={"media_left_out": 3}))
     assert run_command("report", folder).code == 0
     assert "Complete, imported" in (folder / "report.md").read_text()
+
+
+@pytest.mark.parametrize("form", ["imported", "copied"])
+def test_a_command_of_the_author_is_not_shown_to_be_pasted(run_command, tmp_path, form):
+    folder = played(tmp_path, "oracle")
+    if form == "imported":
+        assert run_command("import", tmp_path / "run.robogauntlet").code == 0
+        folder = tmp_path / IMPORTED
+    write_run(folder, read_run(folder).model_copy(update={"media_left_out": 3}))
+    assert run_command("report", folder).code == 0
+    assert "Not recorded: 3" in (folder / "report.html").read_text()
     assert "touch stolen" not in (folder / "report.html").read_text()
+    assert "touch stolen" not in run_command("run", folder).refusal
+
+
+def test_a_row_of_others_writes_no_file_outside_of_the_run(run_command, tmp_path):
+    folder = played(tmp_path, "oracle")
+    execute(folder / "episodes.sqlite", "UPDATE episodes SET episode_id = '../../../stolen' WHERE seed = 0")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("name: small\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
+    named = ("--policy", "oracle", "--task", "null/Reach", "--seed", 0)
+    line = run_command("replay", "--run", folder, *named, "--suite", mine).refusal
+    assert line == f"{folder}: the row of episode ../../../stolen is that of another; it is not replayed"
+    assert video_path(folder, "../../../stolen").parent == videos_folder(folder)
+
+
+@pytest.mark.ray
+def test_rows_of_others_do_not_become_ones_own_where_their_run_is_continued(run_command, tmp_path):
+    suite = tmp_path / "s.yaml"
+    suite.write_text("name: small\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 1}\n")
+    assert run_command("run", suite, "--out", "elsewhere/theirs", "--no-media").code == 0
+    shutil.copytree(tmp_path / "elsewhere" / "theirs", tmp_path / "runs" / "theirs")
+    again = run_command("run", suite, "--out", "runs/theirs", "--no-media")
+    assert again.code == 0
+    assert "you did not begin this run in this folder" in again.err
+    assert "complete, imported" in run_command("history").out
+    assert "is never a baseline" in run_command("accept", "theirs").refusal

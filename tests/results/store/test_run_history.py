@@ -7,7 +7,8 @@ from contextlib import closing
 import pytest
 
 from robogauntlet.results.live_status import LiveSimulator, LiveStatus
-from robogauntlet.results.run_document import RunError, RunStatus
+from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.run_document import RunError, RunStatus, write_run
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.history_import import record_run_folder, record_run_folders
@@ -219,6 +220,28 @@ def test_a_run_whose_folder_was_renamed_is_found_there(history, tmp_path):
     (tmp_path / "monday").rename(tmp_path / "tuesday")
     record_run_folders(history, tmp_path)
     assert [(entry.name, entry.imported) for entry in history.runs()] == [("tuesday", False)]
+
+
+def altered(folder):
+    """The same run, as its sender would have it end."""
+    execute(folder / "episodes.sqlite", "UPDATE episodes SET status = 'failure'")
+    return folder
+
+
+@pytest.mark.parametrize("change", [altered, lambda folder: write_run(folder, night(1, rows_hash="b" * 16))])
+def test_a_folder_that_only_says_that_it_is_an_accepted_run_does_not_become_the_baseline(history, tmp_path, change):
+    results = list(rows(planned=4))
+    run = night(1, rows_hash=rows_hash(map(outcome_row, results)))
+    folder = run_folder(tmp_path / "monday", run, results)
+    record_run_folders(history, tmp_path)
+    history.accept("run-1")
+    shutil.copytree(folder, tmp_path / "theirs")
+    shutil.rmtree(folder)
+    change(tmp_path / "theirs")
+    named = []
+    assert record_run_folders(history, tmp_path, named.append) == 0
+    assert "theirs is passed over: it says that it is run run-1, which the history has" in named[0]
+    assert history.baseline(night(3)).folder == str(folder)
 
 
 def test_a_run_of_others_that_starts_in_the_future_is_passed_over(history, tmp_path):
