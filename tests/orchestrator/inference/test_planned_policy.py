@@ -43,7 +43,7 @@ MODULES = {
     ),
     "a spec of an object": (
         "from robogauntlet.policies.contract import *\n"
-        "class act(StatelessPolicy):\n  spec = PolicySpec(PolicyInput.NOTHING, object())\n  act = None",
+        "class act(StatelessPolicy):\n  spec = PolicySpec(PolicyInput.NOTHING, object())\n  def act(self, asked): ...",
         "expected a spec of the contract: chunk_length",
     ),
 }
