@@ -12,7 +12,7 @@ from robogauntlet.adapters.contract import Image, Simulation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.policy_kit import actions, joints, motion, observation, repetition
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
-from robogauntlet.orchestrator.policy_kit.own_process import ProcessEnded, run_apart
+from robogauntlet.orchestrator.policy_kit.own_process import ProcessEnded, close_policy, run_apart
 from robogauntlet.orchestrator.policy_kit.picture import draw_picture
 from robogauntlet.orchestrator.policy_kit.recording import InvalidAnswer, Play, play
 from robogauntlet.policies import catalog
@@ -60,37 +60,46 @@ def check_policy(probe: Probe) -> Iterator[Finding | Image]:
         PolicyError: The policy cannot be loaded, or cannot act in the task.
         AdapterError: The task cannot be opened.
     """
-    if simulators.body_of(probe.task).arms != 1:
-        raise PolicyError(f"expected a task of one arm, to check a policy; {probe.task} has two arms")
+    _check_arms(probe)
     policy = build_policy(probe.source)
     try:
-        try:
-            check_tasks(policy.spec, [probe.task])
-        except PolicyMismatch as error:
-            raise PolicyMismatch(f"policy '{probe.name}' does not fit: {error}") from None
-        simulation = simulators.open_simulation(probe.task, _view(probe, policy.spec))
-        try:
-            yield from _Check(probe, policy, simulation).findings()
-        except InvalidAnswer as error:
-            yield Finding("answer", Level.FAILED, str(error))
-        except PolicyMismatch as error:
-            yield Finding("fit", Level.FAILED, str(error))
-        finally:
-            simulation.close()
+        yield from _findings(policy, probe)
     finally:
-        _close(policy)
+        close_policy(policy)
 
 
 def check_policy_apart(probe: Probe) -> Iterator[Finding | Image]:
     """The same in a process of its own: threads, another working directory or a crash of the policy stay there."""
+    _check_arms(probe)
     try:
-        yield from run_apart(_checked, probe)
+        yield from run_apart(_checked, probe.source, probe)
     except ProcessEnded as error:
         yield Finding("answer", Level.FAILED, str(error))
 
 
-def _checked(probe: Probe) -> list[Finding | Image]:
-    return list(check_policy(probe))
+def _check_arms(probe: Probe) -> None:
+    if simulators.body_of(probe.task).arms != 1:
+        raise PolicyError(f"expected a task of one arm, to check a policy; {probe.task} has two arms")
+
+
+def _checked(policy: Policy, probe: Probe) -> list[Finding | Image]:
+    return list(_findings(policy, probe))
+
+
+def _findings(policy: Policy, probe: Probe) -> Iterator[Finding | Image]:
+    try:
+        check_tasks(policy.spec, [probe.task])
+    except PolicyMismatch as error:
+        raise PolicyMismatch(f"policy '{probe.name}' does not fit: {error}") from None
+    simulation = simulators.open_simulation(probe.task, _view(probe, policy.spec))
+    try:
+        yield from _Check(probe, policy, simulation).findings()
+    except InvalidAnswer as error:
+        yield Finding("answer", Level.FAILED, str(error))
+    except PolicyMismatch as error:
+        yield Finding("fit", Level.FAILED, str(error))
+    finally:
+        simulation.close()
 
 
 def _view(probe: Probe, spec: PolicySpec) -> View:
@@ -105,29 +114,20 @@ def _wishes(probe: Probe) -> Wishes:
     return catalog.wishes(probe.source.kind, probe.source.options)
 
 
-def _close(policy: Policy) -> None:
-    if callable(close := getattr(policy, "close", None)):
-        close()
-
-
 def _in_new_process(probe: Probe, episode: Episode) -> Play:
     """Play an episode where nothing is left of another one, not even in the policy's modules."""
     try:
-        return run_apart(_play_afresh, probe, episode)
+        return run_apart(_play_afresh, probe.source, probe.task, episode)
     except ProcessEnded as error:
         raise InvalidAnswer(str(error)) from None
 
 
-def _play_afresh(probe: Probe, episode: Episode) -> Play:
-    policy = build_policy(probe.source)
+def _play_afresh(policy: Policy, task: str, episode: Episode) -> Play:
+    simulation = simulators.open_simulation(task, episode.protocol.view)
     try:
-        simulation = simulators.open_simulation(probe.task, episode.protocol.view)
-        try:
-            return play(simulation, policy, episode)
-        finally:
-            simulation.close()
+        return play(simulation, policy, episode)
     finally:
-        _close(policy)
+        simulation.close()
 
 
 class _Check:
