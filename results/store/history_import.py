@@ -89,7 +89,9 @@ def _refuse_another_run(history: History, entry: RunEntry, folder: Path, documen
     stored = history.document(document.run_id)
     same = all(getattr(stored, name) == getattr(document, name) for name in IDENTITY)
     if same and document.rows_hash is not None:
-        with closing(Store.open_begun(folder, document)) as rows:
+        in_history = document.store_url == history.database.where
+        of_history = contextlib.nullcontext(Store(history.database, document.run_id))
+        with of_history if in_history else closing(Store.open_begun(folder, document)) as rows:
             same = rows_hash(map(outcome_row, rows.results())) == document.rows_hash
     if not same:
         raise RunError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import shutil
 import sqlite3
 from contextlib import closing
 from dataclasses import asdict, replace
@@ -13,7 +14,7 @@ import pandas as pd
 from robogauntlet.results.analysis import robustness
 from robogauntlet.results.analysis.tables import CATEGORIES, COLUMNS, build_tables
 from robogauntlet.results.record import EpisodeResult
-from robogauntlet.results.run_document import PlannedCell, RunDocument, RunStatus, store_url, write_run
+from robogauntlet.results.run_document import PlannedCell, RunDocument, RunStatus, read_run, store_url, write_run
 from robogauntlet.results.run_owner import mark_as_own
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Cell, Condition, Protocol, content_hash
@@ -136,6 +137,13 @@ def run_folder(folder: Path, run: RunDocument, results, *, own=True) -> Path:
         mark_as_own(folder, run)
     with closing(Store.open(store_url(folder, run), run.run_id)) as store:
         store.add(list(results))
+    return folder
+
+
+def copied_run(source: Path, folder: Path) -> Path:
+    """A copy of a run folder that counts as played by this user, as the source does."""
+    shutil.copytree(source, folder)
+    mark_as_own(folder, read_run(folder))
     return folder
 
 

@@ -1,6 +1,5 @@
 """A run checked against itself."""
 
-import shutil
 import sqlite3
 from contextlib import closing
 
@@ -14,7 +13,7 @@ from robogauntlet.results.record import has_behaviour, outcome_row, rows_hash
 from robogauntlet.results.run_document import RunStatus, read_run, write_run
 from tests.orchestrator.runs.playing import play, rows_of
 from tests.results.store.earlier import as_version_1
-from tests.results.synthetic import cells, execute, row
+from tests.results.synthetic import cells, copied_run, execute, row
 
 SUITE = """
 name: nulls
@@ -85,7 +84,7 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played, run_command):
 
 @pytest.mark.ray
 def test_a_run_that_version_1_began_is_continued_and_passes(played, tmp_path, run_command):
-    folder = shutil.copytree(played, tmp_path / "run")
+    folder = copied_run(played, tmp_path / "run")
     before = rows_of(folder)
     execute(folder / "episodes.sqlite", "DELETE FROM episodes WHERE seed > 2")
     as_version_1(folder / "episodes.sqlite")

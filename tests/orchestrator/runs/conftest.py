@@ -1,10 +1,9 @@
 """Files of suites, and runs of them."""
 
-import shutil
-
 import pytest
 
 from tests.orchestrator.runs.playing import SUITE, Run, play
+from tests.results.synthetic import copied_run
 
 
 @pytest.fixture
@@ -40,5 +39,5 @@ def finished_folder(tmp_path_factory, ray_here):
 @pytest.fixture
 def finished(run, finished_folder):
     """A run whose folder holds a finished run of the suite."""
-    shutil.copytree(finished_folder, run.folder)
+    copied_run(finished_folder, run.folder)
     return run

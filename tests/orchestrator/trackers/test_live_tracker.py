@@ -3,7 +3,6 @@
 import contextlib
 import os
 import re
-import shutil
 import signal
 import socket
 import sqlite3
@@ -24,6 +23,7 @@ from tests import ROOT
 from tests.full_disk import full_disk
 from tests.orchestrator.runs.playing import play
 from tests.orchestrator.trackers.runs import items, require, wandb_records
+from tests.results.synthetic import copied_run
 
 require("wandb,mlflow", "wandb", "mlflow", "alembic")
 SUITE = """
@@ -77,7 +77,7 @@ def expected(untracked):
 @pytest.fixture
 def played(tmp_path, untracked):
     """A folder in which the whole suite was played without a tracker: nothing is left but to send it."""
-    shutil.copytree(untracked[0], tmp_path / "run")
+    copied_run(untracked[0], tmp_path / "run")
 
 
 def ended(outcome):
