@@ -186,7 +186,7 @@ class Upright:
             target = tcp + np.array([pull, 0.0, below])
             return go(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[1], max_step=0.012)
         target = tcp + np.array([0.0, 0.0, height + 0.07 - peg[2]])
-        lifted = tilt > 0.3 or peg[2] > 0.065
+        lifted = bool(tilt > 0.3 or peg[2] > 0.065)
         if lifted:
             target[0] = self.place
         return go(state, target, gripper=CLOSED, yaw=0.0, lean=self.leans[lifted])
