@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.runs.plan import why_impossible
+from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.suites.conditions import read_condition
 from robogauntlet.suites.episode import CLEAN, Cell, Protocol, RenderProfile, SuccessRule, View
 from robogauntlet.suites.plugins import did_you_mean

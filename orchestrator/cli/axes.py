@@ -13,7 +13,7 @@ from robogauntlet.adapters import catalog as simulators
 from robogauntlet.adapters.contract import AdapterError, Simulator
 from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.orchestrator.registry import why_unadjusted
 from robogauntlet.suites.axes import AXES, SEVERITIES, Axis
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.suites.plugins import did_you_mean

@@ -25,7 +25,7 @@ from robogauntlet.orchestrator.environments.environment import (
     environment_users,
 )
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.runs.plan import find_suite, load_registry
+from robogauntlet.orchestrator.registry import find_suite, load_registry
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.durations import format_duration

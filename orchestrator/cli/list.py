@@ -19,8 +19,8 @@ from robogauntlet.adapters.package_files import OTHER_ENVIRONMENTS
 from robogauntlet.orchestrator.cli.common import AsJson, StoreUrl, fail, newest_run, out, print_json, print_line
 from robogauntlet.orchestrator.cli.doctor import broken_plugins
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.registry import SHIPPED
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter, condition_of
-from robogauntlet.orchestrator.runs.plan import SHIPPED
 from robogauntlet.policies import catalog as policies
 from robogauntlet.results.record import Status, outcome_text
 from robogauntlet.results.run_document import read_run

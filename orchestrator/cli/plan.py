@@ -38,8 +38,9 @@ from robogauntlet.orchestrator.cli.episodes_needed import (
     answer,
     print_answer,
 )
+from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
-from robogauntlet.orchestrator.runs.plan import check_same, find_suite, fitted, make_plan, remaining_work
+from robogauntlet.orchestrator.runs.plan import check_same, fitted, make_plan, remaining_work
 from robogauntlet.orchestrator.runs.suite_policies import needs_policy
 from robogauntlet.policies.references import read_options
 from robogauntlet.results.run_document import RUN_FILE, read_run

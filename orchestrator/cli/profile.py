@@ -11,7 +11,8 @@ from rich.table import Table
 
 from robogauntlet.orchestrator.cli.common import AsJson, Policies, SeedCount, Tasks, fail, out, print_json
 from robogauntlet.orchestrator.episodes.profile import Profile, profile_cells
-from robogauntlet.orchestrator.runs.plan import SHIPPED, find_suite, make_plan
+from robogauntlet.orchestrator.registry import SHIPPED, find_suite
+from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.policies.zoo import NotShipped, zoo_folder
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.selection import SuiteSelection

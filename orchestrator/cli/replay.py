@@ -10,6 +10,7 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import OwnSuite, StoreUrl, fail, newest_run, out, print_line
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
+from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import (
     environments_of,
@@ -17,7 +18,6 @@ from robogauntlet.orchestrator.replay.replay import (
     replay_changed,
     replay_with_video,
 )
-from robogauntlet.orchestrator.runs.plan import why_impossible
 from robogauntlet.orchestrator.runs.playable_suite import playable_suite
 from robogauntlet.results.media_paths import changed_video_path, video_path
 from robogauntlet.results.record import EpisodeResult, Status, outcome_text

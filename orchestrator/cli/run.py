@@ -33,8 +33,9 @@ from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.episodes.policy_source import given_variables
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
+from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.composition import compose_plan, new_run_folder
-from robogauntlet.orchestrator.runs.plan import check_same, find_suite, fitted, make_plan
+from robogauntlet.orchestrator.runs.plan import check_same, fitted, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE

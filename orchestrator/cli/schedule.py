@@ -25,7 +25,8 @@ from robogauntlet.orchestrator.cli.common import (
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.cli.serve import PublicUrl, public_origin
 from robogauntlet.orchestrator.notifications import Message, Notifier, notifiers, send_all
-from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
+from robogauntlet.orchestrator.registry import find_suite
+from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.schedules.export import Target, render_all
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State, checked
 from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server, why_unserved

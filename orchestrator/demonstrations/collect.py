@@ -21,7 +21,7 @@ from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
-from robogauntlet.orchestrator.runs.plan import find_suite, load_registry
+from robogauntlet.orchestrator.registry import find_suite, load_registry
 from robogauntlet.orchestrator.scheduling.scheduler import Observer, Scheduler, SchedulerOptions
 from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 from robogauntlet.policies import catalog as policies

@@ -10,7 +10,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from robogauntlet.orchestrator.demonstrations.task_queue import CollectionTask
-from robogauntlet.orchestrator.runs.live_display import Display
+from robogauntlet.orchestrator.live_display import Display
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.text import counted
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robogauntlet.orchestrator.runs.plan import why_impossible
+from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.suites.axes import AXES, why_exclusive
 from robogauntlet.suites.conditions import read_condition, split_condition
 from robogauntlet.suites.episode import AT, CLEAN, CONTROLS, Condition, Perturbation, content_hash

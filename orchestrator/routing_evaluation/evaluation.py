@@ -17,12 +17,12 @@ import pandas as pd
 import torch
 
 from robogauntlet.orchestrator.episodes.rollout import routing_fields
+from robogauntlet.orchestrator.registry import load_registry
 from robogauntlet.orchestrator.routing_evaluation.first_observations import (
     FirstObservationError,
     Listener,
     collect_first_observations,
 )
-from robogauntlet.orchestrator.runs.plan import load_registry
 from robogauntlet.policies.contract import check_routing
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel

@@ -12,7 +12,8 @@ from typing import Any
 import yaml
 
 from robogauntlet.adapters.catalog import task_descriptions
-from robogauntlet.orchestrator.runs.plan import Plan, load_registry, make_plan
+from robogauntlet.orchestrator.registry import load_registry
+from robogauntlet.orchestrator.runs.plan import Plan, make_plan
 from robogauntlet.suites.conditions import read_axis
 from robogauntlet.suites.episode import CAMERAS, CLEAN
 from robogauntlet.suites.loading import SuiteError

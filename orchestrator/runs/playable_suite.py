@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
+from robogauntlet.orchestrator.registry import find_suite
+from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.run_owner import is_own
 from robogauntlet.suites.schema import Suite

@@ -14,7 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from robogauntlet.orchestrator.episodes.lease import Readiness
-from robogauntlet.orchestrator.runs.live_display import Display
+from robogauntlet.orchestrator.live_display import Display
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.results.live_status import LiveSimulator
 from robogauntlet.results.record import EpisodeResult, outcome_text

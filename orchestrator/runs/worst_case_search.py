@@ -14,8 +14,9 @@ from typing import Any
 from rich.console import Console
 
 from robogauntlet.adapters.catalog import task_descriptions
+from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.orchestrator.runs.composition import compose_plan
-from robogauntlet.orchestrator.runs.plan import Plan, check_same, why_impossible
+from robogauntlet.orchestrator.runs.plan import Plan, check_same
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.folder_lock import LOCK_FILE, FolderError, lock_folder

@@ -11,7 +11,7 @@ from robogauntlet.adapters.mujoco_scene import MujocoScene, import_mujoco, orbit
 from robogauntlet.orchestrator.adapter_kit.checks.axes import SCENE_AXES
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
-from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.orchestrator.registry import why_unadjusted
 from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
 
 pytestmark = pytest.mark.simulator

@@ -12,7 +12,7 @@ from robogauntlet.adapters.mujoco_parts.fingers import Pads
 from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.robosuite.arms import ARMS, PANDA
 from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
-from robogauntlet.orchestrator.runs.plan import load_registry
+from robogauntlet.orchestrator.registry import load_registry
 from robogauntlet.policies.oracles.robosuite import SLOWER_STEP, SLOWER_TURN
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.suites.schema import expand_tasks, robots_by_task, with_robots

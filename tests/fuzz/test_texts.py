@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.gymnasium.expressions import check_expression, value_of
 from robogauntlet.adapters.gymnasium.mapping import load_mapping
-from robogauntlet.orchestrator.runs.plan import SHIPPED, load_registry
+from robogauntlet.orchestrator.registry import SHIPPED, load_registry
 from robogauntlet.results.run_document import RunError, read_run
 from robogauntlet.suites.loading import SuiteError, load_config, load_suite
 from tests.adapters.test_gymnasium import REACHER

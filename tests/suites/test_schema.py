@@ -85,7 +85,7 @@ def test_simulators_share_all_workers_unless_their_numbers_are_given():
 
 @pytest.mark.parametrize("path", sorted((ROOT / "suites").glob("*.yaml")), ids=lambda p: p.stem)
 def test_a_shipped_suite_is_valid(path):
-    from robogauntlet.orchestrator.runs.plan import load_registry
+    from robogauntlet.orchestrator.registry import load_registry
 
     assert load_suite(path, load_registry()).name == path.stem
 

@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.adapter_kit.checks.check import (
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import Perturbed
-from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.orchestrator.registry import why_unadjusted
 from robogauntlet.suites.axes import AXES, Axis
 from robogauntlet.suites.episode import Condition, Episode, Protocol
 

@@ -16,6 +16,7 @@ from rich.text import Text
 from robogauntlet.orchestrator.cli.common import fail, out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages
+from robogauntlet.orchestrator.live_display import Display
 from robogauntlet.orchestrator.routing_evaluation.tables import (
     INSTRUCTION,
     as_json,
@@ -24,7 +25,6 @@ from robogauntlet.orchestrator.routing_evaluation.tables import (
     split,
     unknown_table,
 )
-from robogauntlet.orchestrator.runs.live_display import Display
 from robogauntlet.results.report.formatting import seconds
 from robogauntlet.suites.ranges import MAX_FIRST_SEED
 from robogauntlet.support.durations import format_duration

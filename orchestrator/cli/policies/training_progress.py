@@ -13,7 +13,7 @@ import typer
 from rich.text import Text
 
 from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, fail, out, print_line
-from robogauntlet.orchestrator.runs.live_display import Display
+from robogauntlet.orchestrator.live_display import Display
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
 from robogauntlet.support.durations import format_duration

@@ -9,7 +9,8 @@ import pytest
 from robogauntlet.orchestrator.cli.doctor import LISTENS
 from robogauntlet.orchestrator.cli.policies.serve import serve as policy_server
 from robogauntlet.orchestrator.cli.serve import serve as dashboard
-from robogauntlet.orchestrator.runs.plan import SHIPPED, make_plan
+from robogauntlet.orchestrator.registry import SHIPPED
+from robogauntlet.orchestrator.runs.plan import make_plan
 from tests.processes import run_gauntlet, run_process
 
 MISSING = (

@@ -9,7 +9,7 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedScene
-from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.orchestrator.registry import why_unadjusted
 from robogauntlet.results.record import Status, outcome_row
 from robogauntlet.suites.axes import AXES, Changes
 from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Perturbation, Protocol, RenderProfile, View

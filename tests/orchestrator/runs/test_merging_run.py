@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from robogauntlet.orchestrator.runs.plan import find_suite
+from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.suites.selection import SuiteSelection
 from tests.orchestrator.runs.playing import play, rows_of
 

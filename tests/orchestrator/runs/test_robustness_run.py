@@ -5,8 +5,8 @@ import math
 
 import pytest
 
+from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.replay.media_selection import shared_by
-from robogauntlet.orchestrator.runs.plan import find_suite
 from robogauntlet.results.record import Status
 from robogauntlet.results.report import ReportPaths
 from robogauntlet.suites.axes import AXES

@@ -88,7 +88,8 @@ def test_hashing_the_kinds_and_planning_with_the_zoo_import_no_torch(folders, me
         "import sys; from robogauntlet.policies.mergevla.kinds import EXPERTS, KIND, MERGED; "
         "kinds = zip((KIND, EXPERTS, MERGED), ('checkpoint', 'folder', 'checkpoint'), sys.argv[1:]); "
         "[kind.digest({name: place}) for kind, name, place in kinds]; EXPERTS.spec({'folder': sys.argv[2]}); "
-        "from robogauntlet.orchestrator.runs.plan import find_suite, make_plan; make_plan(find_suite('mergevla')); "
+        "from robogauntlet.orchestrator.registry import find_suite; "
+        "from robogauntlet.orchestrator.runs.plan import make_plan; make_plan(find_suite('mergevla')); "
         "assert not {'torch', 'transformers', 'peft', 'safetensors', 'sklearn'} & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", program, folders[0], folders[0].parent, merged], check=True)

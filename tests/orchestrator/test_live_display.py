@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
-from robogauntlet.orchestrator.runs.live_display import PLAIN_EVERY_S, Display
+from robogauntlet.orchestrator.live_display import PLAIN_EVERY_S, Display
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.runs.progress import Progress, RecordingProgress
 from tests.orchestrator.runs.playing import SUITE

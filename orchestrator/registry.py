@@ -1,0 +1,90 @@
+"""What this installation knows: its tasks, kinds of policies, axes and shipped suites. Starts nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+
+from robogauntlet import suites
+from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.scene_control import ADJUSTABLE
+from robogauntlet.policies import catalog as policies
+from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
+from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.loading import Problem, SuiteError
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
+
+SHIPPED = Path(suites.__file__).parent
+
+
+def find_suite(name: str) -> Path:
+    """The path of a suite file, or of the shipped suite of that name.
+
+    Raises:
+        SuiteError: A name without a suffix that is neither.
+    """
+    path = Path(name)
+    if path.suffix or path.exists():
+        return path
+    shipped = {file.stem: file for file in SHIPPED.glob("*.yaml")}
+    if name not in shipped:
+        files = {file.stem: str(file) for file in sorted(path.parent.glob("*.y*ml"))}
+        near = get_close_matches(path.name, [*files, *shipped], n=1, cutoff=0.6)
+        meant = files.get(near[0], near[0]) if near else None
+        hint = did_you_mean(name, shipped) if meant is None else f"; did you mean '{meant}'?"
+        raise SuiteError([Problem(name, None, f"no such file, and no shipped suite of that name{hint}")])
+    return shipped[name]
+
+
+class _DeclaredTasks(Mapping[str, KnownTask]):
+    """The tasks of all simulators, each described when it is looked up: LIBERO-Plus has 10,030."""
+
+    def __getitem__(self, task: str) -> KnownTask:
+        description = simulators.task_descriptions()[task]
+        declared = simulators.simulators()[task.partition("/")[0]]
+        return KnownTask(description.horizon, declared.internal, description.robot, description.start_states)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(simulators.task_descriptions())
+
+    def __len__(self) -> int:
+        return len(simulators.task_descriptions())
+
+
+def load_registry() -> Registry:
+    """All tasks and policies that entry points declare, installed or not."""
+    return Registry(
+        tasks=_DeclaredTasks(),
+        policies={
+            kind.name: KnownPolicy(
+                frozenset(kind.options),
+                kind.tasks() if kind.tasks else None,
+                bool(kind.requirements or kind.without_dependencies),
+                kind.no_skill,
+            )
+            for kind in policies.kinds().values()
+        },
+        axes={axis.name: len(axis.levels) for axis in AXES.values()},
+    )
+
+
+def why_unadjusted(axis: Axis, task: str) -> str | None:
+    """Why a task does not support an axis that changes the scene, or None."""
+    part, simulator = str(axis.changes), simulators.find(task.partition("/")[0])
+    if part in ADJUSTABLE and part not in simulator.adjusts:
+        return f"{simulator.title} does not let its {part} be adjusted"
+    description = simulators.task_descriptions()[task]
+    if axis.name == VARIANT_NAME and not description.published_instruction:
+        return NO_VARIANT_NAME
+    return description.fixed.get(part)
+
+
+def why_impossible(condition: Condition, task: str) -> str | None:
+    """Why a task cannot have a condition, or None if it can."""
+    if task not in simulators.task_descriptions():
+        return "there is no such task in this installation"
+    instruction = simulators.task_descriptions()[task].instruction
+    reasons = (why_unadjusted(axis, task) or why_unsupported(axis, instruction) for axis in axes_of(condition))
+    return next(filter(None, reasons), None)
