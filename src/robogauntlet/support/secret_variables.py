@@ -46,11 +46,16 @@ _PREFIXES = """
 """
 """What the system, Python, GPUs, renderers, simulators, Ray and job schedulers read. All else stays in the command's
 own process: a list of what is secret would lack the next one."""
-_SECRET_WORDS = "TOKEN TOKENS KEY KEYS SECRET SECRETS PASSWORD PASSWD PASS CREDENTIAL CREDENTIALS JWT"
+_SECRET_WORDS = """
+    TOKEN TOKENS KEY KEYS APIKEY SECRET SECRETS PASSWORD PASSWD PASSPHRASE PASS PAT CREDENTIAL CREDENTIALS USERNAME JWT
+    COOKIE JOBCOOKIE
+"""
+_SECRET_PREFIXES = ("NIX_CONFIG", "TF_VAR_")
+"""Of variables that have a known prefix and hold tokens of code hosts, and Terraform's variables."""
 _INHERITED, _INHERITED_PREFIXES = frozenset(_NAMES.split()), tuple(_PREFIXES.split())
 _SECRET = frozenset(_SECRET_WORDS.split())
-_LOGIN = re.compile(r"://[^/@\s]+:[^/@\s]+@")
-"""A password in an address, such as that of a package index."""
+_LOGIN = re.compile(r"://\S*@")
+"""A login in an address, such as that of a package index."""
 
 
 def without_secrets(environment: Mapping[str, str], *, but: Collection[str] = ()) -> dict[str, str]:
@@ -71,7 +76,7 @@ def _is_inherited(name: str, value: str) -> bool:
     upper = name.upper()
     if name in _INHERITED or upper.endswith("_PROXY"):
         return True
-    is_known = name.startswith(_INHERITED_PREFIXES)
+    is_known = name.startswith(_INHERITED_PREFIXES) and not upper.startswith(_SECRET_PREFIXES)
     return is_known and not (is_secret(name) or _SECRET & set(upper.split("_")) or _LOGIN.search(value))
 
 

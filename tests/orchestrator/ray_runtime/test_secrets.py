@@ -70,6 +70,23 @@ def test_what_programs_and_renderers_read_stays_and_all_else_goes_unless_it_is_n
     assert without_secrets(goes, but=["MY_DATA"]) == {"MY_DATA": "y"}
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("PIP_INDEX_URL", "https://geheim@index/simple"),
+        ("PIP_EXTRA_INDEX_URL", "https://index/simple https://me:ge/he#im@other/simple"),
+        ("UV_INDEX", "own=https://me:@index/simple"),
+        ("UV_INDEX_OWN_USERNAME", "geheim"),
+        ("NIX_CONFIG", "access-tokens = github.com=geheim"),
+        ("PBS_JOBCOOKIE", "geheim"),
+        ("TF_VAR_db", "geheim"),
+        ("CONDA_CHANNEL_PAT", "geheim"),
+    ],
+)
+def test_a_known_programs_variable_that_holds_a_secret_goes(name, value):
+    assert without_secrets({name: value}) == {}
+
+
 @pytest.mark.parametrize("given", [7, "A=B", ["A", 1], {"A": "B"}, ["$A"], [""]])
 def test_a_policy_that_names_no_variables_is_refused_in_one_line(given, tmp_path):
     (tmp_path / "looking.py").write_text(POLICY)
