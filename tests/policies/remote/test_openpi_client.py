@@ -2,12 +2,12 @@
 
 import asyncio
 import contextlib
-import socket
+import queue
 import threading
-import time
 
 import numpy as np
 import pytest
+import websockets.asyncio.server
 
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
@@ -54,12 +54,19 @@ def test_openpis_client_gets_the_policys_actions_from_our_server(query):
 
 
 @contextlib.contextmanager
-def their_server(policy):
-    """openpi's server of a policy, as its `serve_policy.py` starts it; yields the address."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+def their_server(policy, monkeypatch):
+    """openpi's server of a policy, as its `serve_policy.py` starts it, on a free port; yields the address."""
+    ports, serve_really = queue.Queue(), websockets.asyncio.server.serve
+
+    @contextlib.asynccontextmanager
+    async def serve_and_tell(*arguments, **options):
+        async with serve_really(*arguments, **options) as server:
+            ports.put(server.sockets[0].getsockname()[1])
+            yield server
+
+    monkeypatch.setattr(websockets.asyncio.server, "serve", serve_and_tell)
     loop = asyncio.new_event_loop()
-    serving = loop.create_task(servers.WebsocketPolicyServer(policy, "127.0.0.1", port).run())
+    serving = loop.create_task(servers.WebsocketPolicyServer(policy, "127.0.0.1", 0).run())
 
     def serve():
         with contextlib.suppress(asyncio.CancelledError):
@@ -67,18 +74,15 @@ def their_server(policy):
 
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline:
-        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
-            break
-        time.sleep(0.02)
-    yield f"127.0.0.1:{port}"
-    loop.call_soon_threadsafe(serving.cancel)
-    thread.join(10)
+    try:
+        yield f"127.0.0.1:{ports.get(timeout=60)}"
+    finally:
+        loop.call_soon_threadsafe(serving.cancel)
+        thread.join(60)
     loop.close()
 
 
-def test_our_client_is_answered_by_openpis_server_and_its_errors_are_one_line(query):
+def test_our_client_is_answered_by_openpis_server_and_its_errors_are_one_line(query, monkeypatch):
     class Policy:
         def infer(self, observation):
             seen.append(observation)
@@ -87,7 +91,7 @@ def test_our_client_is_answered_by_openpis_server_and_its_errors_are_one_line(qu
             return {"actions": np.arange(70, dtype=np.float32).reshape(10, 7)}
 
     seen = []
-    with their_server(Policy()) as address:
+    with their_server(Policy(), monkeypatch) as address:
         ours = catalog.load("openpi", {"address": address, "image_size": 224, "execute": 5, "identity": "theirs"})
         (decision,) = ours.act([query])
         np.testing.assert_array_equal(decision.actions, np.arange(35.0).reshape(5, 7))
