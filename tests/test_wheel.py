@@ -154,6 +154,19 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
     assert sum(name.endswith("model.safetensors") for name in zoo) == 18
 
 
+def test_a_checkout_without_links_makes_no_wheel(tmp_path):
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "NOTICE"):
+        shutil.copy2(ROOT / name, tmp_path / name)
+    package = tmp_path / "src" / "robogauntlet"
+    package.mkdir(parents=True)
+    (package / "suites").write_text("../../suites")  # as git writes a link with core.symlinks=false
+    build = (sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", ".")
+    done = subprocess.run(build, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "run git config core.symlinks true, and git checkout -- src" in done.stderr
+    assert not list(tmp_path.glob("*.whl"))
+
+
 @pytest.mark.slow
 def test_the_action_installs_into_a_new_python(runner, environment):
     (runner.folder / "suite.yaml").write_text("name: two\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
