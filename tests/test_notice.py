@@ -74,13 +74,6 @@ def test_the_folders_and_the_licence_of_liberos_archive_are_those_in_notice():
     assert licence == (data / "libero-assets.LICENSE").read_bytes()
 
 
-def test_plotlys_script_keeps_its_notice():
-    plotly = pytest.importorskip("plotly.offline")
-    assert "Licensed under the MIT license" in plotly.get_plotlyjs()[:2000]
-    assert "docs/reports/screening/explore.html" in NOTICE
-    assert (ROOT / "docs/reports/screening/explore.html").is_file()
-
-
 def test_the_wheels_licence_files_are_there():
     files = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["license-files"]
     assert files == ["LICENSE", "NOTICE"]

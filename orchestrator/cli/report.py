@@ -39,9 +39,9 @@ def report(
 ) -> None:
     """Write the report of a run again.
 
-    The report consists of report.html, report.md, summary.json, cells.csv and episodes.parquet, and of
-    explore.html for perturbed conditions. With --table, the success table is printed: tasks in rows, policies in
-    columns. With --figures, the plots are also written as files into the folder figures of the run.
+    The report consists of report.html, report.md, summary.json, cells.csv and episodes.parquet. With --table, the
+    success table is printed: tasks in rows, policies in columns. With --figures, the plots are also written as files
+    into the folder figures of the run.
     """
     if table is not None and figures is not None:
         raise BadInput("expected --table, which writes nothing, or --figures, got both")

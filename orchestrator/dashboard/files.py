@@ -11,18 +11,15 @@ from starlette.responses import FileResponse, Response
 from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import CurrentAppState
 from robogauntlet.results.media_paths import MEDIA
+from robogauntlet.results.report.templates import table_script
 
-STATIC_POLICY = (
-    "sandbox; default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'"
+POLICY = (
+    f"sandbox allow-scripts; default-src 'none'; script-src {table_script().source}; img-src data:; media-src data:; "
+    "style-src 'unsafe-inline'; frame-ancestors 'none'"
 )
-SCRIPT_POLICY = (
-    "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; "
-    "img-src data: blob:; style-src 'unsafe-inline'; frame-ancestors 'none'"
-)
-"""For the page whose scripts draw plots; the sandbox gives it no origin and no network."""
+"""Only the script of the report's tables runs; the sandbox gives it no origin and no network."""
 REPORT_TYPES = {
     "report.html": "text/html; charset=utf-8",
-    "explore.html": "text/html; charset=utf-8",
     "report.md": "text/plain; charset=utf-8",
     "summary.json": "application/json",
     "cells.csv": "text/csv; charset=utf-8",
@@ -39,8 +36,7 @@ def file_of_run(app_state: CurrentAppState, run_id: str, path: str) -> Response:
     file = None if entry is None or entry.folder is None else known_file(Path(entry.folder), path)
     if file is None:
         raise HTTPException(404, "The run has no such file.")
-    policy = SCRIPT_POLICY if path == "explore.html" else STATIC_POLICY
-    return FileResponse(file, media_type=media_type(path), headers={"content-security-policy": policy})
+    return FileResponse(file, media_type=media_type(path), headers={"content-security-policy": POLICY})
 
 
 def media_type(path: str) -> str | None:

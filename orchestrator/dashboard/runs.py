@@ -33,7 +33,6 @@ LONGEST_SUITE = 100_000
 """Largest length of the suite's text on the page of a run (characters)."""
 REPORTS = (
     ("report.html", "Report"),
-    ("explore.html", "Interactive plots"),
     ("report.md", "as text"),
     ("summary.json", "as JSON"),
     ("cells.csv", "as a spreadsheet"),

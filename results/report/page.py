@@ -1,4 +1,4 @@
-"""`report.html`: one file that needs neither a network nor JavaScript."""
+"""`report.html`: one file that needs no network, and JavaScript only to sort and filter its tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from robogauntlet.results.report import robots as robots_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.media import Media, Video, task_picture
 from robogauntlet.results.report.summary import ERROR_GROUPS, Report
-from robogauntlet.results.report.templates import report_templates
+from robogauntlet.results.report.templates import report_templates, table_script
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import Condition
 
@@ -119,6 +119,7 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
             router_terms=list(facts.ROUTER_TERMS),
             run=shlex.quote(str(folder)),
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
+            script=table_script(),
         )
     )
 

@@ -55,13 +55,11 @@ class ReportPaths:
     """All rows, Parquet."""
     cells: Path
     """A line per policy, task and condition, CSV."""
-    explorer: Path
-    """Interactive plots, HTML with scripts; only of perturbed runs."""
 
     @classmethod
     def in_folder(cls, folder: Path) -> ReportPaths:
         """Return the paths of the report of a run folder."""
-        names = ("report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv", "explore.html")
+        names = ("report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv")
         return cls(*(folder / name for name in names))
 
 

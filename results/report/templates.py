@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
+from dataclasses import dataclass
 from functools import cache, partial
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +37,21 @@ def template_environment(*folders: Path, longest: int | None = None) -> Environm
 def report_templates() -> Environment:
     """Return the environment of the report's pages, whose templates are compiled once in a process."""
     return template_environment(Path(__file__).parent)
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """The script of a page, and the source of its Content-Security-Policy that lets this script run and no other."""
+
+    text: str
+    source: str
+
+
+@cache
+def table_script() -> Script:
+    """Return the script that sorts and filters the report's tables."""
+    text = (Path(__file__).parent / "tables.js").read_text(encoding="utf-8")
+    return Script(text, f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'")
 
 
 def _finalize(longest: int | None, value: Any) -> Any:

@@ -9,7 +9,6 @@ from robogauntlet.results.analysis import behaviour, combinations, failures, mer
 from robogauntlet.results.analysis.comparison import Run
 from robogauntlet.results.analysis.merging_cost import build_merging
 from robogauntlet.results.analysis.tables import build_tables
-from robogauntlet.results.report.explore import render_explorer
 from robogauntlet.results.report.markdown import render_markdown
 from robogauntlet.results.report.media import VIDEO_BUDGET, collect_media
 from robogauntlet.results.report.page import render_page
@@ -64,7 +63,5 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
     write_whole(paths.summary, build_summary(report).model_dump_json(indent=1) + "\n")
     write_whole(paths.cells, render_csv(tables))
     write_whole(paths.markdown, render_markdown(report))
-    if report.robustness is not None:
-        write_whole(paths.explorer, render_explorer(document, tables, report.robustness))
     write_whole(paths.html, render_page(folder, report, media))
     return report

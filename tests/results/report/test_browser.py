@@ -4,7 +4,7 @@ import pytest
 
 from robogauntlet.results.report import write_report
 from tests.contrast import CHROMIUM, check_contrast
-from tests.frames import Frame, found_in, html_after_scripts
+from tests.frames import Frame, found_in
 from tests.results.analysis.test_condition_comparison import COMPARE, PLAN, SEEDS, rows
 from tests.results.routed import routed_document, routed_rows
 from tests.results.synthetic import cells, document, rows_where, run_folder
@@ -51,42 +51,12 @@ JUMP = """
   return { places, width: root.clientWidth, scroll: root.scrollWidth };
 }
 """
-CHOOSE = """
-async (page) => {
-  page.querySelector("[name=axis]").value = "blur";
-  page.querySelector("[name=policy]").checked = false;
-  for (const simulator of page.querySelectorAll("[name=simulator]")) simulator.checked = true;
-  page.querySelector("[name=axis]").dispatchEvent(new Event("change", { bubbles: true }));
-  await new Promise((done) => setTimeout(done, 1000));
-  const ticks = [...page.querySelectorAll("#lines .xtick text, #lines .xtitle")].map((tick) => tick.textContent);
-  return [page.querySelectorAll("#lines .trace.scatter").length, ticks];
-}
-"""
-PHONE = """
-(page) => {
-  const touched = [...page.querySelectorAll(".controls select, .controls fieldset label")];
-  const boxes = touched.map((e) => e.getBoundingClientRect());
-  const size = (e) => parseFloat(page.defaultView.getComputedStyle(e).fontSize);
-  return {
-    width: page.documentElement.clientWidth,
-    scroll: page.documentElement.scrollWidth,
-    heights: boxes.map((box) => box.height),
-    ends: boxes.map((box) => box.right),
-    font: Math.min(...[...page.querySelectorAll("select")].map(size)),
-  };
-}
-"""
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "run"
-    return write_report(run_folder(folder, document(SEEDS, of=PLAN, compare=COMPARE), rows())).paths
-
-
-@pytest.fixture(scope="module")
-def page(written):
-    return written.html.read_text()
+    return write_report(run_folder(folder, document(SEEDS, of=PLAN, compare=COMPARE), rows())).paths.html.read_text()
 
 
 @pytest.fixture(scope="module")
@@ -106,15 +76,6 @@ def found(page, wide_page, tmp_path_factory):
     frames |= {f"jump {width}": Frame(page, width, JUMP) for width in (1119, 390)}
     frames["wide"] = Frame(wide_page, 1200, MEASURE)
     return dict(zip(frames, found_in(frames.values(), tmp_path_factory.mktemp("found")), strict=True))
-
-
-@pytest.fixture(scope="module")
-def explored(written, tmp_path_factory):
-    """What the browser says about the interactive page, of which a choice is made, and which a phone shows."""
-    explorer = written.explorer.read_text()
-    long_name = explorer.replace("> merged<", f"> {'merged' * 20}<")
-    folder = tmp_path_factory.mktemp("explored")
-    return found_in([Frame(explorer, 1000, CHOOSE), Frame(long_name, 390, PHONE)], folder)
 
 
 @pytest.mark.parametrize("width", [1280, 390])
@@ -154,30 +115,6 @@ def test_the_contents_list_stays_a_line_above_the_report_on_narrow_screens(found
         assert bottom <= heading < 300, link  # and covers nothing that a link leads to
 
 
-def test_the_interactive_page_is_drawn_without_a_network(written, tmp_path):
-    address = written.explorer.as_uri()
-    offline = ("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=8000")
-    body = html_after_scripts(address, tmp_path, *offline).partition("<body>")[2]
-    assert body.count("<select") == 2  # to choose the axis, and the policy
-    assert body.count('class="trace scatter') == 2  # expert and merged, over all simulators
-    assert 'class="hm"' in body
-
-
-def test_controls_of_the_interactive_page_choose_axis_and_policies(explored):
-    lines, ticks = explored[0]
-    assert lines == 3  # of the policy that is left: all simulators and each of the two
-    assert ticks == ["clean", "20.6", "41.8", "severity, and its level in % of image width"]
-
-
-def test_controls_of_the_interactive_page_can_be_touched_on_a_phone(explored):
-    found = explored[1]
-    assert found["scroll"] <= found["width"] <= 390
-    assert len(found["heights"]) == 2 + 2 + 3  # choices of axis and policy, two policies, three places
-    assert min(found["heights"]) >= 44  # pixels that a finger hits
-    assert max(found["ends"]) <= found["width"]
-    assert found["font"] >= 16  # with smaller texts some browsers enlarge the page
-
-
 @pytest.fixture(scope="module")
 def merging_page(tmp_path_factory):
     folder = run_folder(tmp_path_factory.mktemp("merging") / "run", routed_document(), routed_rows())
@@ -185,5 +122,5 @@ def merging_page(tmp_path_factory):
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_every_text_of_the_report_is_readable(page, merging_page, written, tmp_path, dark):
-    check_contrast([page, merging_page, written.explorer.read_text()], tmp_path, dark=dark)
+def test_every_text_of_the_report_is_readable(page, merging_page, tmp_path, dark):
+    check_contrast([page, merging_page], tmp_path, dark=dark)

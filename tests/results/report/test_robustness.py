@@ -3,7 +3,6 @@
 import json
 import math
 import re
-from dataclasses import replace
 
 import pytest
 
@@ -73,20 +72,6 @@ def test_the_summary_has_the_findings_of_the_report(report):
     assert report.findings
     text = report.paths.markdown.read_text().replace("\\", "")
     assert all(f"- {sentence}" in text for sentence in report.findings)
-
-
-def test_the_interactive_page_needs_no_network(paths):
-    page = paths.explorer.read_text()
-    assert not re.search(r"""<(script|link|img)[^>]*(src|href)=["']?(https?:)?//""", page)
-    assert 'href="explore.html"' in paths.html.read_text()
-
-
-def test_a_name_from_a_suite_is_text_in_that_page(tmp_path):
-    plan, results = ([replace(one, policy=f"<script>{one.policy}") for one in ones] for ones in (PLAN, rows()))
-    folder = run_folder(tmp_path / "run", document(SEEDS, of=plan), results)
-    page = write_report(folder).paths.explorer.read_text()
-    assert "<script>merged" not in page
-    assert "merged" in page
 
 
 def test_a_no_skill_baseline_has_no_findings_since_it_has_no_skill_to_lose():
