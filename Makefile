@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 # Tests start hundreds of commands, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup drivers tools environments demo test pytest test-fast lint docs dist audit bench fuzz chaos report zoo clean
+.PHONY: help setup drivers tools environments demo test pytest test-fast lint docs dist audit bench studies fuzz chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -23,6 +23,7 @@ help:
 	@echo "make dist       build the wheels of robogauntlet and robogauntlet-zoo, and the source distribution, into dist/"
 	@echo "make audit      look up known vulnerabilities of all pinned packages; needs a network"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
+	@echo "make studies    check that the tables of studies/ are those of their kept rows"
 	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages than make test reads (ten minutes)"
 	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, and tests of many minutes (two hours)"
 	@echo "make report     write the newest run's report again"
@@ -101,7 +102,10 @@ audit: $(VENV)/audit-$(PIP_AUDIT)/bin/pip-audit
 	$(BIN)/python scripts/audit.py $<
 
 bench: setup
-	$(BIN)/python -m tests.benchmarks
+	$(BIN)/python -m studies performance --measure
+
+studies: setup
+	$(BIN)/python -m pytest -q studies
 
 fuzz: setup
 	ROBOGAUNTLET_FUZZ_EXAMPLES=6000 $(BIN)/python -m pytest -q tests/fuzz

@@ -1,1 +1,1 @@
-"""Benchmarks: `make bench`. Each compares within one run, prints a table and writes `runs/bench/NAME.json`."""
+"""Studies made with RoboGauntlet: what was asked, how it was measured, the rows and the tables."""

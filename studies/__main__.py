@@ -1,92 +1,69 @@
-"""Runs all benchmarks, or those named: `python -m tests.benchmarks rendering bare_loop`."""
+"""The tables of a study: `python -m studies NAME` prints them from the rows that are kept.
 
+`--measure TABLE...` measures tables again into runs/bench (without a table: those of `QUICK`), `--keep TABLE...` copies
+what was measured into the study, and `--write` brings the tables of its README up to date. Without a name all studies
+are listed.
+"""
+
+import argparse
+import importlib
 import json
 import subprocess
 import sys
 
-from tests.benchmarks.document import WRITTEN, write
+from studies.tables import NAMES, WRITTEN, keep, markdown, readme, tables_of, with_tables, write
 
-BENCHMARKS = (
-    "rendering",
-    "bound",
-    "frames",
-    "control_step",
-    "bare_loop",
-    "throughput",
-    "answers",
-    "inference",
-    "overhead",
-    "environments",
-    "behaviour_cost",
-    "vector_env",
-    "remote",
-    "workers",
-)
-LONG = (
-    *(
-        "ablations",
-        "boundaries",
-        "clusters_found",
-        "command_start",
-        "coverage",
-        "crowd",
-        "dashboard",
-        "failure_kinds",
-        "libero_cost",
-        "libero_frames",
-        "libero_oracles",
-        "libero_routers",
-        "ray_start",
-    ),
-    *("mergevla", "million", "opening", "operators", "paper_size", "readers", "resume", "scale"),
-    *("oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),
-)
-INSTALLS = ("first_use", "vla_eval")
-NEED_DEMONSTRATIONS = (
-    *("arms", "merges", "more_experts", "more_experts_routing", "routers", "training_controls", "unknown_tasks"),
-    *(
-        "doors",
-        "shifted_routing",
-        "libero_experts",
-        "libero_merges",
-        "libero_plus",
-        "two_arms",
-        "equal_budget",
-        "robust_experts",
-        "merging_under_shift",
-        "so101",
-        "stacking",
-    ),
-)
-NEED_GPU = ("gpu_answers", "gpu_runs")
-ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS, *NEED_GPU)
-"""Run only when named."""
 CODE = """
 import json
-from tests.benchmarks import {name} as benchmark, shared
-rows = benchmark.measure()
-print("bench:" + json.dumps({{"columns": shared.COLUMNS, "rows": rows}}))
+from studies.{study} import {name} as measurement
+from studies import shared
+rows = measurement.measure()
+print("measured:" + json.dumps({{"columns": shared.COLUMNS, "rows": rows}}))
 """
 
 
 def main() -> None:
-    """Run each benchmark in its own process, so that they do not share memory or threads."""
-    wanted = sys.argv[1:] or list(BENCHMARKS)
-    unknown = [name for name in wanted if name not in (*BENCHMARKS, *ON_DEMAND)]
-    if unknown:
-        sys.exit(f"unknown benchmark {unknown[0]}; known: {', '.join((*BENCHMARKS, *ON_DEMAND))}")
-    for name in wanted:
+    """List the studies, or print, measure, keep or write the tables of one."""
+    parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__.partition("\n\n")[0])
+    parser.add_argument("study", nargs="?", choices=NAMES)
+    parser.add_argument("--measure", nargs="*", metavar="TABLE", help="measure these tables again; takes up to hours")
+    parser.add_argument("--keep", nargs="+", metavar="TABLE", help="copy what was measured into the study")
+    parser.add_argument("--write", action="store_true", help="write the tables into the README")
+    wanted = parser.parse_args()
+    if wanted.study is None:
+        print("\n".join(f"{name:16} {title(name)}" for name in NAMES))
+        return
+    for name in wanted.keep or ():
+        keep(wanted.study, name)
+    if wanted.measure is not None:
+        measure(wanted.study, wanted.measure)
+    elif wanted.write or wanted.keep:
+        page = readme(wanted.study)
+        page.write_text(with_tables(wanted.study, page.read_text(encoding="utf-8")), encoding="utf-8")
+    else:
+        for name in tables_of(wanted.study):
+            print(f"\n== {name}\n", *markdown(wanted.study, name), sep="\n")
+
+
+def title(study: str) -> str:
+    """The first line of a study's page."""
+    return readme(study).read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+
+
+def measure(study: str, names: list[str]) -> None:
+    """Run each measurement in its own process, so that they do not share memory or threads."""
+    for name in names or importlib.import_module(f"studies.{study}").QUICK:
         print(f"\n== {name}", flush=True)
-        code = CODE.format(name=name)
+        code = CODE.format(study=study, name=name)
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
         assert process.stdout is not None
         for line in process.stdout:
-            if line.startswith("bench:"):
-                write(name, json.loads(line.removeprefix("bench:")))
+            if line.startswith("measured:"):
+                write(name, json.loads(line.removeprefix("measured:")))
             else:
                 print(line, end="", flush=True)
         if process.wait():
-            sys.exit(f"benchmark {name} failed")
+            sys.exit(f"{name} failed")
     print(f"\nwritten to {WRITTEN}/")
 
 

@@ -1,8 +1,9 @@
-"""Helpers of the benchmarks."""
+"""Helpers of the studies: suites are played by the command line."""
 
 import os
 import re
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,8 +21,9 @@ from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import SUCCESS_HOLD, Cell, Episode, Protocol, RenderProfile, View
-from tests.processes import GAUNTLET
 
+GAUNTLET = [str(Path(sys.executable).with_name("robogauntlet"))]
+"""The command line."""
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
@@ -87,6 +89,11 @@ def run_suite(suite: str | Path, folder: Path) -> None:
     """Run a suite by the command line, without media."""
     command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
     subprocess.run(command, check=True, capture_output=True)
+
+
+def run_gauntlet(*arguments: object) -> None:
+    """Run `robogauntlet ...`; what it prints is shown."""
+    subprocess.run([*GAUNTLET, *map(str, arguments)], check=True)
 
 
 def play_policies(

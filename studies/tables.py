@@ -1,15 +1,17 @@
-"""Copies measurements into the documentation: `python -m tests.benchmarks.document frames control_step`.
+"""Tables of studies: written by measurements, kept as rows, shown in the README of each study.
 
-Pages show the table of `docs/measurements/NAME.json` between `<!-- measured: NAME -->` and `<!-- end -->`.
+A study is a folder with a README; `rows/NAME.json` has the rows of a table and how its columns are written, and
+`rows/NAME.parquet`, where there is one, the episodes that they count. The module `NAME` of the study makes both. The
+README shows the table between `<!-- table: NAME -->` and `<!-- end -->`.
 """
 
+import importlib
 import json
 import os
 import platform
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from importlib import metadata
@@ -18,15 +20,47 @@ from typing import Any
 
 import pandas as pd
 
-from tests import ROOT
-
-PAGES = sorted((ROOT / "docs").glob("*.md"))
-MEASUREMENTS = ROOT / "docs/measurements"
+STUDIES = Path(__file__).parent
+ROOT = STUDIES.parent
 WRITTEN = ROOT / "runs/bench"
-"""Where benchmarks write what they measured."""
+"""Where measurements are written."""
+NAMES = sorted(path.parent.name for path in STUDIES.glob("*/README.md"))
 PACKAGES = ("mujoco", "robosuite", "sapien", "mani-skill", "pybullet", "torch", "ray")
 END = "<!-- end -->"
-BLOCK = re.compile(rf"(<!-- measured: (\w+) -->\n).*?{END}", re.DOTALL)
+BLOCK = re.compile(rf"(<!-- table: (\w+) -->\n).*?{END}", re.DOTALL)
+
+
+def kept(study: str, name: str) -> dict[str, Any]:
+    """A table as it is kept: columns, rows, date, machine, versions."""
+    return json.loads((STUDIES / study / f"rows/{name}.json").read_text(encoding="utf-8"))
+
+
+def episodes_of(study: str, name: str) -> pd.DataFrame:
+    """The kept episodes behind a table."""
+    return pd.read_parquet(STUDIES / study / f"rows/{name}.parquet")
+
+
+def tables_of(study: str) -> list[str]:
+    """Names of a study's tables, in the order of its README."""
+    return [name for _, name in BLOCK.findall(readme(study).read_text(encoding="utf-8"))]
+
+
+def readme(study: str) -> Path:
+    """The page of a study."""
+    return STUDIES / study / "README.md"
+
+
+def counted(study: str, name: str) -> list[dict[str, Any]]:
+    """The rows of a table, counted again in the kept episodes or decisions where its module does so (`counted`)."""
+    rows: list[dict[str, Any]] = kept(study, name)["rows"]
+    if not (STUDIES / study / f"{name}.py").exists():
+        return rows
+    module = importlib.import_module(f"studies.{study}.{name}")
+    if hasattr(module, "counted"):
+        return module.counted(rows)
+    if hasattr(module, "rows_of") and (STUDIES / study / f"rows/{name}.parquet").exists():
+        return module.rows_of(episodes_of(study, name))
+    return rows
 
 
 def machine() -> str:
@@ -56,26 +90,23 @@ def write_episodes(name: str, frame: pd.DataFrame, order: Sequence[str]) -> None
     frame.sort_values(list(order)).to_parquet(WRITTEN / f"{name}.parquet", index=False)
 
 
-def markdown(name: str) -> Iterator[str]:
-    """Lines of a measurement's table, and of how it was made."""
-    measured = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
-    columns: dict[str, str] = measured["columns"]
-    cells = [[text.format(**row) for text in columns.values()] for row in measured["rows"]]
+def keep(study: str, name: str) -> None:
+    """Copy what was measured last into the study: rows, episodes, figures."""
+    for file in WRITTEN.glob(f"{name}.*"):
+        shutil.copy(file, STUDIES / study / "rows")
+
+
+def markdown(study: str, name: str) -> Iterator[str]:
+    """Lines of a table, and of how it was made."""
+    of = kept(study, name)
+    columns: dict[str, str] = of["columns"]
+    cells = [[text.format(**row) for text in columns.values()] for row in counted(study, name)]
     yield from (f"| {' | '.join(line)} |" for line in (columns, ["---"] * len(columns), *cells))
-    versions = ", ".join(f"{package} {version}" for package, version in measured["versions"].items())
-    command = measured.get("command", f"python -m tests.benchmarks {name}")
-    yield from ("", f"`{command}`, {measured['date']}; {measured['machine']}; {versions}.")
+    versions = ", ".join(f"{package} {version}" for package, version in of["versions"].items())
+    command = of.get("command", f"python -m studies {study} --measure {name}")
+    yield from ("", f"`{command}`, {of['date']}; {of['machine']}; {versions}.")
 
 
-def with_measurements(text: str) -> str:
-    """The page with all its blocks as the committed measurements have them."""
-    return BLOCK.sub(lambda found: "\n".join((found[1], *markdown(found[2]), "", END)), text)
-
-
-if __name__ == "__main__":
-    MEASUREMENTS.mkdir(exist_ok=True)
-    for benchmark in sys.argv[1:]:
-        for file in WRITTEN.glob(f"{benchmark}.*"):  # rows, and what they are made from or shown in
-            shutil.copy(file, MEASUREMENTS)
-    for page in PAGES:
-        page.write_text(with_measurements(page.read_text(encoding="utf-8")), encoding="utf-8")
+def with_tables(study: str, text: str) -> str:
+    """A page with all its tables as the kept rows have them."""
+    return BLOCK.sub(lambda found: "\n".join((found[1], *markdown(study, found[2]), "", END)), text)

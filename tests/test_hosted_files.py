@@ -13,7 +13,7 @@ from tests import ROOT
 from tests.hosted_actions import HostedRunner, action_steps, load, write_program
 from tests.processes import GAUNTLET, run_process
 
-WORKFLOWS = (".github/workflows/ci.yml", "examples/github-nightly.yml")
+WORKFLOWS = (".github/workflows/ci.yml", ".github/workflows/studies.yml", "examples/github-nightly.yml")
 FORMS = ("bug.yml", "feature.yml")
 SUITE = """
 name: nightly

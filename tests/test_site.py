@@ -10,7 +10,6 @@ from html import unescape
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
-import pandas as pd
 import pytest
 from PIL import Image
 from typer import Context
@@ -43,11 +42,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def pages(site):
-    return {
-        path: path.read_text(encoding="utf-8")
-        for path in site.rglob("*.html")
-        if not path.is_relative_to(site / "reports")
-    }
+    return {path: path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
 
 
 def test_reading_it_loads_nothing_from_the_network(site, pages):
@@ -78,7 +73,7 @@ def test_every_external_link_is_an_address():
             assert urlsplit(link).hostname, f"{path}: {link}"
 
 
-def test_the_search_covers_the_pages_and_not_the_long_reports(site):
+def test_the_search_covers_the_pages(site):
     index = site / "search" / "search_index.json"
     assert "holm" in index.read_text(encoding="utf-8").lower()
     assert index.stat().st_size < 2_000_000
@@ -131,8 +126,6 @@ def test_the_numbers_of_the_statistics_page_are_those_of_the_functions():
     assert missing == {}
     assert "in 86 both succeed, in 3 only the experts, in none only the merged model, in 1 neither" in page
     assert pairs == ["86", "3", "0", "1"]
-    rows = pd.read_parquet(DOCS / "reports/screening/episodes.parquet")
-    assert f"one of its {len(rows[rows.severity > 1].groupby(['axis', 'severity']).size())} perturbed levels" in page
 
 
 def test_troubleshooting_has_every_line_of_the_doctor_and_no_other():

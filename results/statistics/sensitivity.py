@@ -76,8 +76,8 @@ def sobol_indices(outcomes: NDArray[np.floating], axes: Sequence[str]) -> Sensit
     - that of the jackknife over seeds (J. N. Arvesen, Ann. Math. Statist. 40 (1969) 2076-2100) less what the noise of
       rollouts adds to it, or 0 if that is more.
 
-    Degrees of freedom as F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110-114. `python -m tests.benchmarks
-    sensitivity_coverage` measures how often intervals contain the truth: those of `explained` too rarely, about nine
+    Degrees of freedom as F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110-114. `studies/intervals`
+    measures how often intervals contain the truth: those of `explained` too rarely, about nine
     times in ten, where fewer than ten seeds shift success much.
 
     Args:

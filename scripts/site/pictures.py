@@ -1,7 +1,7 @@
 """Draws the documentation's pictures and prints the numbers of docs/statistics.md: `python -m scripts.site.pictures`.
 
 Every number comes from `robogauntlet.results.statistics`, on counts that are given below or taken from the screening
-that the repository keeps (docs/reports/screening/episodes.parquet).
+of the shipped policies (studies/screening).
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from scripts.site.drawing import DOCS, Axes, Drawing
 COUNTS = ((9, 10), (18, 20), (45, 50), (90, 100), (900, 1000))
 UNRELATED, RELATED = Pairs(76, 14, 9, 1), Pairs(83, 7, 2, 8)
 """Both 90 against 85 of 100: independent outcomes, and correlated ones."""
+BLURRED = Pairs(86, 3, 0, 1)
+"""Experts and merged policy in the screening under blur of severity 2 (studies/screening)."""
 SHARE = 0.2
 """Share of pairs that disagree, for the power of the regression check."""
 RUNS, PAIRS, EVERY, SEED = 4000, 400, 10, 0
@@ -42,20 +44,6 @@ def percent(interval: Interval | None, digits: int = 0) -> str:
     """Format an interval as the page does: `[60, 98]`."""
     assert interval is not None
     return f"[{100 * interval.low:.{digits}f}, {100 * interval.high:.{digits}f}]".replace("[-0,", "[0,")
-
-
-def blurred() -> Pairs:
-    """Return the pairs of experts and merged policy in the episodes of the screening under blur of severity 2."""
-    import pandas as pd
-
-    rows = pd.read_parquet(
-        DOCS / "reports/screening/episodes.parquet", columns=["pair_id", "policy", "axis", "severity", "status"]
-    )
-    blur = rows[(rows["axis"] == "blur") & (rows["severity"] == 2) & rows["policy"].isin(["experts", "merged"])]
-    sides = blur.assign(ok=(blur["status"] == "success").astype(float)).pivot(
-        index="pair_id", columns="policy", values="ok"
-    )
-    return Pairs.from_outcomes(sides["experts"].to_numpy(), sides["merged"].to_numpy())
 
 
 def false_alarms() -> tuple[np.ndarray, np.ndarray]:
@@ -110,7 +98,7 @@ def difference(pairs: Pairs) -> tuple[float, Interval]:
 
 def numbers() -> Mapping[str, str]:
     """Return the numbers of the page by their names."""
-    real = blurred()
+    real = BLURRED
     loss, loss_interval = difference(real)
     bounds = rate_bounds(90, 5, 5)
     peeking, evidence = false_alarms()
@@ -178,7 +166,7 @@ def paired() -> Drawing:
 
 def disagreeing() -> Drawing:
     """The pairs of the screening, one square each."""
-    real = blurred()
+    real = BLURRED
     sheet = Drawing(480, 176)
     legend = (
         (24, "fill-soft", "both", real.both),

@@ -1,7 +1,7 @@
 """Merging experts of several arms: one skill on four arms, three skills on three arms, and arms that no expert has.
 
-`ARMS=FOLDER python -m tests.benchmarks arms` (default `runs/arms`) merges and plays the experts of `scripts/arms.sh`
-and two of the zoo. What is finished in the folder is kept, so that the same command continues.
+`ARMS=FOLDER python -m studies arms --measure arms` (default `runs/arms`) merges and plays the experts of
+`studies/arms/arms.sh` and two of the zoo. What is finished in the folder is kept, so that the same command continues.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import merged_policy, play_policies, table_of
-from tests.processes import run_gauntlet
+from studies.merging.operators import percent
+from studies.shared import merged_policy, play_policies, run_gauntlet, table_of
+from studies.tables import write_episodes
 
 ONE_SKILL = ("robosuite/Lift", "robosuite/Lift@UR5e", "robosuite/Lift@Kinova3", "robosuite/Lift@IIWA")
 THREE_SKILLS = ("robosuite/Stack", "robosuite/Lift@UR5e", "robosuite/Door@Kinova3")
@@ -127,8 +126,7 @@ def merges_of(folder: Path, setting: str, experts: Mapping[str, Path], ways: Ite
     for way, out in merges.items():
         if not out.exists():
             datasets = [word for dataset in shown for word in ("--demonstrations", dataset)]
-            merge = run_gauntlet("policies", "merge", *experts.values(), "--out", out, *MERGES[way][1], *datasets)
-            assert merge.returncode == 0, merge.stderr
+            run_gauntlet("policies", "merge", *experts.values(), "--out", out, *MERGES[way][1], *datasets)
     return merges
 
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Experts of other arms of robosuite, on the zoo's base: demonstrations and an expert of each task, as scripts/zoo.sh
 # makes those of the Panda. Finished parts are skipped and stopped ones continue, so the same command goes on after any
-# interruption. `ARMS=FOLDER python -m tests.benchmarks arms` merges and plays them, `doors` plays those of DOORS, which
+# interruption. `ARMS=FOLDER python -m studies arms --measure arms` merges and plays them, `doors` plays those of DOORS, which
 # have twice the demonstrations and steps.
-# Usage: scripts/arms.sh [FOLDER] [TASK...]   (default runs/arms, the tasks below and DOORS). Takes three hours on two cores.
-# PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
+# Usage: studies/arms/arms.sh [FOLDER] [TASK...]   (default runs/arms, the tasks below and DOORS). Takes three hours on two cores.
+# PERCENT=1 makes the same in minutes from a hundredth of everything: see scripts/percent.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=${1:-runs/arms${PERCENT:+-$PERCENT-percent}}
 shift || true

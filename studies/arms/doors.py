@@ -1,8 +1,8 @@
 """Lift and Door with arms that the zoo has no experts of: success of the oracle and of an expert for each pair.
 
-`ARMS=FOLDER python -m tests.benchmarks doors` (default `runs/arms`) plays the experts of Door that `scripts/arms.sh`
-trains; those of Lift are in the rows of `arms`, and the oracle's in those of `oracles`. Arms that were played are not
-played again.
+`ARMS=FOLDER python -m studies arms --measure doors` (default `runs/arms`) plays the experts of Door that
+`studies/arms/arms.sh` trains; those of Lift are in the rows of `arms`, and the oracle's in those of `oracles`. Arms
+that were played are not played again.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from pathlib import Path
 import pandas as pd
 
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.arms import EPISODE, SEEDS
-from tests.benchmarks.document import MEASUREMENTS, write_episodes
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import play_policies, table_of
+from studies.arms.arms import EPISODE, SEEDS
+from studies.merging.operators import percent
+from studies.shared import play_policies, table_of
+from studies.tables import episodes_of, write_episodes
 
 ARMS = ("Kinova3", "UR5e", "IIWA", "Jaco", "XArm7")
 COLUMNS = {"arm": "{arm}"} | {
@@ -42,7 +42,7 @@ def _played(folder: Path, arm: str) -> pd.DataFrame:
 
 def rows_of(doors: pd.DataFrame) -> list[dict[str, str]]:
     """Success with Wilson's intervals; `doors` has a row per episode of Door's experts, with the columns `EPISODE`."""
-    oracle, lifts = (pd.read_parquet(MEASUREMENTS / f"{name}.parquet") for name in ("oracles", "arms"))
+    oracle, lifts = (episodes_of(name, name) for name in ("oracles", "arms"))
     lifts = lifts[lifts.policy == "experts"].drop_duplicates(["task", "seed"])
     experts = pd.concat([lifts[lifts.task.str.contains("/Lift")], doors])
     return [

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from robogauntlet.results.statistics.clusters import Cluster, failure_clusters
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 EXPERIMENTS = 500
 DESIGNS = {"200 points at 4 seeds each": (200, 4), "100 points at 8 seeds each": (100, 8), "800 points": (800, 1)}

@@ -19,7 +19,7 @@ from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_differe
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.statistics.sequential import log_evidence
 from robogauntlet.results.statistics.severity import falling_trend, severity_curve
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 EXPERIMENTS = 10_000
 SIZES = (25, 100, 400)

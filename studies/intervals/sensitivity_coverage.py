@@ -15,7 +15,7 @@ from scipy.special import expit
 
 from robogauntlet.results.statistics.sensitivity import Sensitivity, sobol_indices
 from robogauntlet.suites.designs import sobol_rows
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 EXPERIMENTS = 1000
 SIZES = ((64, 4), (64, 10), (128, 6), (256, 4), (256, 10))

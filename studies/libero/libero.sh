@@ -2,12 +2,12 @@
 # The zoo's experts of LIBERO, one per suite, on its base, which has seen none of it: demonstrations of six tasks each, the
 # first that oracles solve in at least 45 of their 50 stored states, and an expert; then the four merged, and a control.
 # Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
-# `LIBERO=FOLDER python -m tests.benchmarks libero_experts` and `libero_merges` play what the zoo has of it.
-# Usage: scripts/libero.sh [FOLDER] [SUITE...]   (default runs/libero and all four). Takes about two hours on two cores, after
+# `LIBERO=FOLDER python -m studies libero --measure libero_experts` and `libero_merges` play what the zoo has of it.
+# Usage: studies/libero/libero.sh [FOLDER] [SUITE...]   (default runs/libero and all four). Takes about two hours on two cores, after
 # `robogauntlet env create libero`.
-# PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
+# PERCENT=1 makes the same in minutes from a hundredth of everything: see scripts/percent.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=${1:-runs/libero${PERCENT:+-$PERCENT-percent}}
 shift || true

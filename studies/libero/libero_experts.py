@@ -1,8 +1,8 @@
 """LIBERO's four experts on the stored states, beside the controls: oracle, open loop, without images, without words.
 
-`LIBERO=FOLDER python -m tests.benchmarks libero_experts` (default `runs/libero`) plays the zoo's experts, and the
-replays of `scripts/libero.sh FOLDER`, after `robogauntlet env create libero`. What is finished in the folder is kept,
-so that the same command continues.
+`LIBERO=FOLDER python -m studies libero --measure libero_experts` (default `runs/libero`) plays the zoo's experts, and
+the replays of `studies/libero/libero.sh FOLDER`, after `robogauntlet env create libero`. What is finished in the folder
+is kept, so that the same command continues.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import pandas as pd
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import play_policies, table_of
+from studies.merging.operators import percent
+from studies.shared import play_policies, table_of
+from studies.tables import write_episodes
 
 EXPERTS = "zoo:libero-experts"
 SUITES = {"spatial": "Spatial", "object": "Object", "goal": "Goal", "10": "Long"}
@@ -125,7 +125,7 @@ def suite_of(task: str) -> str:
 
 
 def folder_of_experts() -> Path:
-    """The folder of `scripts/libero.sh`."""
+    """The folder of `studies/libero/libero.sh`."""
     return Path(os.environ.get("LIBERO", "runs/libero")).absolute()
 
 

@@ -1,7 +1,7 @@
 """MergeVLA's Table 1 at a small size: the four experts of LIBERO merged, on the stored states, the paper's rows beside.
 
-`LIBERO=FOLDER python -m tests.benchmarks libero_merges` (default `runs/libero`) merges and plays the zoo's experts.
-What is finished in the folder is kept, so that the same command continues.
+`LIBERO=FOLDER python -m studies libero --measure libero_merges` (default `runs/libero`) merges and plays the zoo's
+experts. What is finished in the folder is kept, so that the same command continues.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ import numpy as np
 import pandas as pd
 
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.libero_experts import EXPERTS as ZOO
-from tests.benchmarks.libero_experts import (
+from studies.libero.libero_experts import EXPERTS as ZOO
+from studies.libero.libero_experts import (
     SUITES,
     by_suite,
     folder_of_experts,
@@ -23,8 +22,9 @@ from tests.benchmarks.libero_experts import (
     suite_of,
     tasks_of,
 )
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import merged_policy, table_of
+from studies.merging.operators import percent
+from studies.shared import merged_policy, table_of
+from studies.tables import write_episodes
 
 MERGED = "zoo:libero-merged"
 """Two bits of magnitudes, and the routers of all ways."""

@@ -1,24 +1,24 @@
 """Which of LIBERO's experts each router chooses, from the first images of the episodes of `libero_experts`.
 
 The paper's router is beside those of `zoo:libero-merged`, on that merge and on the paper's. A row has its decisions, as
-the experts' numbers in the order of their names, task by task. No episode is played. `python -m tests.benchmarks
-libero_routers`, after `robogauntlet env create libero`.
+the experts' numbers in the order of their names, task by task. No episode is played. `python -m studies libero
+--measure libero_routers`, after `robogauntlet env create libero`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from robogauntlet.suites.episode import RenderProfile, View
-from tests.benchmarks.document import WRITTEN
-from tests.benchmarks.libero_experts import EXPERTS, STATES, SUITES, tasks_of
-from tests.benchmarks.libero_merges import MERGED
-from tests.benchmarks.routers import AVERAGED, SHIPPED, averaged_merge, by_router, interval, paper_routers
-from tests.benchmarks.shared import table_of
+from studies.libero.libero_experts import EXPERTS, STATES, SUITES, tasks_of
+from studies.libero.libero_merges import MERGED
+from studies.routing.routers import AVERAGED, SHIPPED, averaged_merge, by_router, interval, paper_routers
+from studies.shared import table_of
+from studies.tables import WRITTEN
 
 if TYPE_CHECKING:
-    from tests.benchmarks.routers import Scores
+    from studies.routing.routers import Scores
 
 OPTIONS = ("projections=v", "projections=k", "projections=kv")
 """Of the paper's router (its Table 5)."""
@@ -64,6 +64,15 @@ def measure() -> list[dict[str, object]]:
 def suites_of(decisions: Sequence[str]) -> list[str]:
     """The suite of each decision: all have equally many."""
     return [suite for suite in SUITES for _ in range(len(decisions) // len(SUITES))]
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows again, their rates from the kept decisions."""
+    found = []
+    for row in rows:
+        read, hidden = (rates_of(name, row[f"decisions, {name}"]) for name in ("read", "hidden"))
+        found.append(dict(row) | read | hidden)
+    return found
 
 
 def rates_of(instruction: str, decisions: Sequence[str]) -> dict[str, str]:

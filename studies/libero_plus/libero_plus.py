@@ -1,8 +1,8 @@
 """LIBERO's experts and their merges under LIBERO-Plus, axis by axis, with and without the variant's name.
 
-`LIBERO=FOLDER python -m tests.benchmarks libero_plus` (default `runs/libero`) plays the zoo's experts and merged
-model, after `robogauntlet env create libero` and `libero-plus`. What is finished in the folder is kept, so that the
-same command continues.
+`LIBERO=FOLDER python -m studies libero_plus --measure libero_plus` (default `runs/libero`) plays the zoo's experts and
+merged model, after `robogauntlet env create libero` and `libero-plus`. What is finished in the folder is kept, so that
+the same command continues.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import pandas as pd
 from robogauntlet.adapters.libero_plus.variants import PlusAxis, Variant, variants
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.libero_experts import EXPERTS, SUITES, folder_of_experts, tasks_of
-from tests.benchmarks.libero_merges import MERGED, WAYS
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import merged_policy, play_policies, table_of
+from studies.libero.libero_experts import EXPERTS, SUITES, folder_of_experts, tasks_of
+from studies.libero.libero_merges import MERGED, WAYS
+from studies.merging.operators import percent
+from studies.shared import merged_policy, play_policies, table_of
+from studies.tables import write_episodes
 
 AXES = (PlusAxis.CAMERA, PlusAxis.ROBOT, PlusAxis.LANGUAGE, PlusAxis.NOISE, PlusAxis.LAYOUT)
 """Those of which LIBERO's own assets show variants of every task."""

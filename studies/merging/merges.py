@@ -3,13 +3,13 @@
 This measures not speed but the loss by merging, before any episode is played. Of each task's demonstrations a tenth is
 held out; lambda is chosen for each task on half of that, and the other half scores every way. Demonstrations of other
 seeds than the training's are as good, since nothing is trained on them here.
-`DEMONSTRATIONS=FOLDER python -m tests.benchmarks merges`
+`DEMONSTRATIONS=FOLDER python -m studies merging --measure merges`
 """
 
 import os
 from pathlib import Path
 
-from tests.benchmarks.shared import kilobytes, table_of
+from studies.shared import kilobytes, table_of
 
 WAYS = {
     "naive mean, everything merged": {"operator": "mean", "masks": "none", "kept_blocks": 0, "merge_output": True},

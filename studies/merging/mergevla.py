@@ -8,8 +8,8 @@ from robogauntlet.results.report.merging_cost import comparison_table, overall_t
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import read_run
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.shared import run_suite, table_of
+from studies.shared import run_suite, table_of
+from studies.tables import write_episodes
 
 LOSSES = {"loss by merging": "loss by merging, points", "loss by routing": "loss by routing, points"}
 LOSSES |= {"retention": "share of the experts' success"}

@@ -1,7 +1,7 @@
 """The suite `operators`: bytes per task against success, every way of merging a point, quantised experts as the bar.
 
-`RUN=FOLDER python -m tests.benchmarks operators` reads a run of the suite instead of playing all of its seeds; several
-of different seeds are separated by colons.
+`RUN=FOLDER python -m studies merging --measure operators` reads a run of the suite instead of playing all of its seeds;
+several of different seeds are separated by colons.
 """
 
 import os
@@ -16,10 +16,10 @@ import pandas as pd
 from robogauntlet.results.api import open_run
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
-from tests.benchmarks import bytes_plot
-from tests.benchmarks.bytes_plot import Point
-from tests.benchmarks.document import WRITTEN, write_episodes
-from tests.benchmarks.shared import kilobytes, run_suite, table_of
+from studies.merging import bytes_plot
+from studies.merging.bytes_plot import Point
+from studies.shared import kilobytes, run_suite, table_of
+from studies.tables import WRITTEN, episodes_of, write_episodes
 
 EXPERTS, JOINT = "experts", "joint"
 KINDS = {
@@ -50,7 +50,7 @@ def measured(suite: str) -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as name:
         folders = [Path(folder) for folder in os.environ.get("RUN", f"{name}/run").split(":")]
         if "RUN" not in os.environ:
-            run_suite(suite, folders[0])
+            run_suite(Path(__file__).with_name(f"{suite}.yaml"), folders[0])
         runs = [open_run(folder) for folder in folders]
         frame = pd.concat([run.episodes(("policy", "task", "seed", "status")) for run in runs])
         plan = {policy.name: policy for policy in runs[0].document.suite.policies}
@@ -59,6 +59,16 @@ def measured(suite: str) -> list[dict[str, object]]:
     write_episodes(suite, frame, ("policy", "task", "seed"))
     table_of(rows, COLUMNS)
     return rows
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
+    """The rows again, from the kept episodes."""
+    return again("operators", rows)
+
+
+def again(name: str, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
+    """Rows of a table of merges from its kept episodes; sizes are taken from the rows."""
+    return rows_of(episodes_of("merging", name), {row["policy"]: row["kilobytes"] for row in rows})
 
 
 def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[str, object]]:

@@ -1,7 +1,8 @@
 """What limits experts of Stack and StackCube: one of few demonstrations, the same asked more often, other trainings.
 
-`STACKING=FOLDER python -m tests.benchmarks stacking` (default `runs/stacking`) plays the experts of
-`scripts/stacking.sh` beside the zoo's. What is finished in the folder is kept, so that the same command continues.
+`STACKING=FOLDER python -m studies merging --measure stacking` (default `runs/stacking`) plays the experts of
+`studies/merging/stacking.sh` beside the zoo's. What is finished in the folder is kept, so that the same command
+continues.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, W
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import play_policies, table_of
+from studies.merging.operators import percent
+from studies.shared import play_policies, table_of
+from studies.tables import write_episodes
 
 FEWER, SHIPPED = "fewer", "zoo"
 TASKS = {"robosuite/Stack": (700, (6, 4, 2)), "maniskill/StackCube-v1": (500, (1,))}

@@ -2,11 +2,11 @@
 # Trains experts of Stack and StackCube in other ways than the zoo's: records demonstrations, trains experts on them,
 # records corrections of the experts from few demonstrations (DAgger), and trains on those too. Finished parts are
 # skipped and stopped ones continue, so the same command goes on after any interruption.
-# `STACKING=FOLDER python -m tests.benchmarks stacking` plays them beside the zoo's.
-# Usage: scripts/stacking.sh [FOLDER]   (default runs/stacking). Takes some four hours on two cores.
-# PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
+# `STACKING=FOLDER python -m studies merging --measure stacking` plays them beside the zoo's.
+# Usage: studies/merging/stacking.sh [FOLDER]   (default runs/stacking). Takes some four hours on two cores.
+# PERCENT=1 makes the same in minutes from a hundredth of everything: see scripts/percent.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=${1:-runs/stacking${PERCENT:+-$PERCENT-percent}}
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}

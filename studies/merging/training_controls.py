@@ -1,8 +1,8 @@
-"""Success by kind of training, way of merging and training seed. Needs the runs of `scripts/training_controls.sh`.
+"""Success by kind of training, way of merging and training seed, from the runs of `training_controls.sh`.
 
-`TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls` (default `runs/training-controls`). Policies
-that are not in the folder keep their committed episodes, with the machine that played them, so that one kind at a time
-can be trained. A part of a training (`PERCENT`) is not mixed with them.
+`TRAINING_CONTROLS=FOLDER python -m studies merging --measure training_controls` (default `runs/training-controls`).
+Policies that are not in the folder keep their committed episodes, with the machine that played them, so that one kind
+at a time can be trained. A part of a training (`PERCENT`) is not mixed with them.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import pandas as pd
 from scipy import stats
 
 from robogauntlet.results.api import open_run
-from tests.benchmarks.document import MEASUREMENTS, machine, write_episodes
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
+from studies.tables import episodes_of, machine, write_episodes
 
 REFERENCE = "cross-sigmoid"
 """MergeVLA's own block on a base of the same tasks, which the others are compared with."""
@@ -51,9 +51,7 @@ def measure() -> list[dict[str, object]]:
     """A row for each kind of training; writes the episodes beside the rows."""
     folder = Path(os.environ.get("TRAINING_CONTROLS", "runs/training-controls"))
     played = pd.concat([open_run(run).episodes(EPISODE) for run in sorted(folder.glob("run-*"))])
-    frame = with_committed(
-        played.assign(machine=machine()), pd.read_parquet(MEASUREMENTS / "training_controls.parquet")
-    )
+    frame = with_committed(played.assign(machine=machine()), episodes_of("merging", "training_controls"))
     write_episodes("training_controls", frame, EPISODE[:3])
     rows = rows_of(frame)
     table_of(rows, {"training": "{title}"} | {title: f"{{{way}}}" for way, title in WAYS.items()})

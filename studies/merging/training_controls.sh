@@ -10,12 +10,12 @@
 #   KIND-fresh     the same base, each expert's trunk from a seed of its own, as in arXiv 2511.18810
 #   joint          one network on all five tasks, with as many frames as a base and its experts
 # Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
-# Usage: scripts/training_controls.sh [FOLDER] [SEED...]   (default runs/training-controls 0 1 2). Takes hours.
-# PERCENT=2 does the same in minutes from a fiftieth of everything: see percent.sh.
+# Usage: studies/merging/training_controls.sh [FOLDER] [SEED...]   (default runs/training-controls 0 1 2). Takes hours.
+# PERCENT=2 does the same in minutes from a fiftieth of everything: see scripts/percent.sh.
 # KINDS: those to train and play, by default all.
 # DEMONSTRATIONS: folder with demonstrations to use as they are, for instance those of scripts/zoo.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=$(realpath -m "${1:-runs/training-controls${PERCENT:+-$PERCENT-percent}}")  # suites name checkpoints by it
 shift || true
@@ -119,4 +119,4 @@ for seed in $SEEDS; do
         fi | play "$kind-$seed"
     done
 done
-TRAINING_CONTROLS="$FOLDER" "$(dirname "$ROBOGAUNTLET")/python" -m tests.benchmarks training_controls
+TRAINING_CONTROLS="$FOLDER" "$(dirname "$ROBOGAUNTLET")/python" -m studies merging --measure training_controls

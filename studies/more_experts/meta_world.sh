@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # Experts of Meta-World on the zoo's base, which has seen none of it: demonstrations and an expert of each task. The
 # twenty tasks are those with the shortest horizons, the shortest first. Finished parts are skipped and stopped ones
-# continue, so the same command goes on after any interruption. `META_WORLD=FOLDER python -m tests.benchmarks
-# more_experts` merges and plays them.
-# Usage: scripts/meta_world.sh [FOLDER] [TASK...]   (default runs/meta-world and the tasks below). Takes an hour on two
+# continue, so the same command goes on after any interruption. `META_WORLD=FOLDER python -m studies more_experts
+# --measure more_experts` merges and plays them.
+# Usage: studies/more_experts/meta_world.sh [FOLDER] [TASK...]   (default runs/meta-world and the tasks below). Takes an hour on two
 # cores.
-# PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
+# PERCENT=1 makes the same in minutes from a hundredth of everything: see scripts/percent.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=${1:-runs/meta-world${PERCENT:+-$PERCENT-percent}}
 shift || true

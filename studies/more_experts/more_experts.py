@@ -1,7 +1,8 @@
 """What further experts cost: merges of 3 to 20 experts of Meta-World on a base that has not seen it.
 
-`META_WORLD=FOLDER python -m tests.benchmarks more_experts` (default `runs/meta-world`) merges and plays the experts of
-`scripts/meta_world.sh`. What is finished in the folder is kept, so that the same command continues.
+`META_WORLD=FOLDER python -m studies more_experts --measure more_experts` (default `runs/meta-world`) merges and plays
+the experts of `studies/more_experts/meta_world.sh`. What is finished in the folder is kept, so that the same command
+continues.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import pandas as pd
 from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio, pooled
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import kilobytes, merged_policy, play_policies, table_of
+from studies.merging.operators import percent
+from studies.shared import kilobytes, merged_policy, play_policies, table_of
+from studies.tables import episodes_of, write_episodes
 
 if TYPE_CHECKING:
     from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
@@ -90,6 +91,11 @@ def measure() -> list[dict[str, object]]:
     return rows
 
 
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
+    """The rows again, from the kept episodes."""
+    return rows_of(episodes_of("more_experts", "more_experts"), rows)
+
+
 def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> list[dict[str, object]]:
     """Success with Wilson's interval, its share of the experts', and its change by the experts that were added.
 
@@ -141,7 +147,7 @@ def _change(after: pd.Series, before: pd.Series) -> str:
 
 
 def folder_of_experts() -> Path:
-    """The folder of `scripts/meta_world.sh`."""
+    """The folder of `studies/more_experts/meta_world.sh`."""
     return Path(os.environ.get("META_WORLD", "runs/meta-world")).absolute()
 
 

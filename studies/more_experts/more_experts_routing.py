@@ -1,18 +1,20 @@
 """Routers of merges of 3 to 20 experts of Meta-World, on first observations: accuracy and time of a decision.
 
 Reads the merges of the benchmark `more_experts`, in the same folder, or makes them.
-`META_WORLD=FOLDER python -m tests.benchmarks more_experts_routing`
+`META_WORLD=FOLDER python -m studies more_experts --measure more_experts_routing`
 """
 
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from statistics import median
 from string import ascii_lowercase
+from typing import Any
 
 from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.suites.episode import RenderProfile, View
-from tests.benchmarks.more_experts import NUMBERS, folder_of_experts, folder_of_merge, in_order, merged
-from tests.benchmarks.routers import by_router, interval, observed
-from tests.benchmarks.shared import table_of
+from studies.more_experts.more_experts import NUMBERS, folder_of_experts, folder_of_merge, in_order, merged
+from studies.routing.routers import by_router, interval, observed
+from studies.shared import table_of
 
 ROUTERS = {
     **dict.fromkeys(("calibrated", "nearest-centroid", "self-trained"), "magnitude-2"),
@@ -71,6 +73,12 @@ def measure() -> list[dict[str, object]]:
     rows.sort(key=lambda row: list(ROUTERS).index(str(row["router"])))
     table_of(rows, COLUMNS)
     return rows
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows again, their rates from the kept decisions."""
+    rates = {"read": "decisions, read", "hidden": "decisions, hidden"}
+    return [dict(row) | {name: interval(right(row[of])) for name, of in rates.items()} for row in rows]
 
 
 def right(decisions: str) -> list[bool]:

@@ -10,7 +10,7 @@ from dataclasses import asdict
 
 from robogauntlet.results.record import FailureKind
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.shared import open_task, table_of
+from studies.shared import open_task, table_of
 from tests.orchestrator.episodes.scripted_failures import TASKS, VIEW, play_failures
 
 SEEDS = range(600_000, 600_010)

@@ -8,8 +8,8 @@ import pandas as pd
 from robogauntlet.adapters.libero.tasks import STORED_STATES, libero_tasks
 from robogauntlet.policies.oracles.libero import SCRIPTS
 from robogauntlet.results.api import open_run
-from tests.benchmarks.document import WRITTEN, write_episodes
-from tests.benchmarks.shared import run_suite, table_of
+from studies.shared import run_suite, table_of
+from studies.tables import WRITTEN, write_episodes
 
 FOLDER = WRITTEN / "libero-oracles"
 FIELDS = ("task", "seed", "status", "steps", "success_once", "state_hash", "actions_hash", "policy_digest")

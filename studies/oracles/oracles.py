@@ -4,6 +4,8 @@ The run stays in `runs/bench/oracles`, so that a second call plays what is missi
 """
 
 import os
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
@@ -12,8 +14,8 @@ from robogauntlet.adapters.contract import ActionSpec
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.results.api import open_run
 from robogauntlet.suites.episode import RenderProfile, View
-from tests.benchmarks.document import WRITTEN, write_episodes
-from tests.benchmarks.shared import run_suite, table_of
+from studies.shared import run_suite, table_of
+from studies.tables import WRITTEN, episodes_of, write_episodes
 
 FOLDER = WRITTEN / "oracles"
 SIMULATORS = ("maniskill", "pybullet", "robosuite")
@@ -55,6 +57,12 @@ def tasks() -> dict[str, int]:
     """Return the tasks to their horizons."""
     found = [(f"{name}/{task}", told) for name in SIMULATORS for task, told in catalog.find(name).tasks.items()]
     return {task: description.horizon for task, description in found}
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
+    """The rows again, from the kept episodes; the bounds of actions are taken from the rows."""
+    bounds = {row["task"]: (row["step_mm"], row["turn_rad"]) for row in rows}
+    return rows_of(episodes_of("oracles", "oracles"), bounds)
 
 
 def rows_of(episodes: pd.DataFrame, bounds: dict[str, tuple[float, float]]) -> list[dict[str, object]]:

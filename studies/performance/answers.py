@@ -5,8 +5,8 @@ from collections.abc import Callable
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from tests.benchmarks.inference import expert_and_merged, queries
-from tests.benchmarks.shared import table_of
+from studies.performance.inference import expert_and_merged, queries
+from studies.shared import table_of
 
 if TYPE_CHECKING:
     from robogauntlet.policies.contract import Policy

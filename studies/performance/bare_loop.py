@@ -11,7 +11,7 @@ from robogauntlet.adapters.contract import FloatArray, Simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec, Query, StatelessPolicy
 from robogauntlet.suites.episode import View
-from tests.benchmarks.shared import TASKS, episodes, open_task, table_of
+from studies.shared import TASKS, episodes, open_task, table_of
 
 PAIRS = 12
 STEPS, CHUNK = 40, 8

@@ -10,7 +10,7 @@ from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.episode import Episode, Protocol, RenderProfile, View
-from tests.benchmarks.shared import EXPERTS, POLICY_OPTIONS, TASKS, open_task, table_of
+from studies.shared import EXPERTS, POLICY_OPTIONS, TASKS, open_task, table_of
 
 SEEDS = range(1, 11)
 PLAYED = (

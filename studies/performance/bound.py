@@ -4,8 +4,7 @@ import json
 import subprocess
 from typing import Any
 
-from tests.benchmarks.shared import table_of
-from tests.processes import GAUNTLET
+from studies.shared import GAUNTLET, table_of
 
 PARTS = ("engine", "control", "frames", "answers", "rest", "total", "bound")
 SUITE, TASKS, SEEDS = "mergevla", ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift"), 10

@@ -8,8 +8,8 @@ from pathlib import Path
 from statistics import median
 
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
-from tests.benchmarks.shared import table_of
-from tests.processes import GAUNTLET, environment_of
+from studies.shared import GAUNTLET, table_of
+from tests.processes import environment_of
 
 TIMES = 5
 MISTYPED = "run smok"

@@ -1,6 +1,7 @@
 """The adapters' control step beside MuJoCo's own physics steps and robosuite's own control step, in one process.
 
-LIBERO's figures are printed where LIBERO is installed: by the Python of `robogauntlet env create libero`."""
+LIBERO's figures are printed where LIBERO is installed: by the Python of `robogauntlet env create libero`.
+"""
 
 import time
 from collections.abc import Callable
@@ -10,7 +11,7 @@ import numpy as np
 
 from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.suites.episode import RenderProfile, View
-from tests.benchmarks.shared import open_task, table_of
+from studies.shared import open_task, table_of
 
 ROBOSUITE = ("robosuite/Lift", "robosuite/Stack", "robosuite/Door")
 LIBERO = (

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks.shared import table, table_of
+from studies.shared import table, table_of
 from tests.orchestrator.dashboard.crowd import BEARER, Crowd, Server, exported_run, served_by_process
 
 NIGHTS, SECONDS, MB = 300, 60.0, 1e6

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 from tests.orchestrator.dashboard.crowd import BEARER, served_by_process
 
 RUNS, ROUNDS, DAY = 10_000, 21, 86_400.0

@@ -6,7 +6,7 @@ import time
 from statistics import median
 from typing import Any
 
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 TASKS = ("null/Reach", "robosuite/Lift")
 TIMES = 5

@@ -18,8 +18,8 @@ import numpy as np
 import robogauntlet
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
-from tests import ROOT
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
+from studies.tables import ROOT
 
 TIMES = 3
 TASK = "pybullet/PandaReach-v3"

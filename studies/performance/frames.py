@@ -11,7 +11,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.adapters.mujoco_scene import import_mujoco
 from robogauntlet.policies.oracles import scripts
 from robogauntlet.suites.episode import RenderProfile, View
-from tests.benchmarks.shared import TASKS, open_task, table_of
+from studies.shared import TASKS, open_task, table_of
 
 STATES, REPEATS, STEPS = 6, 5, 6
 """States, observations of each state and kind, and control steps of the oracle by which each state is later."""

@@ -1,6 +1,7 @@
 """Action chunks per second on the GPU beside one core of the same machine, and how far their answers are apart.
 
-`LARGE=FOLDER python -m tests.benchmarks gpu_answers` writes 3 GB there for the larger network, and removes them.
+`LARGE=FOLDER python -m studies performance --measure gpu_answers` writes 3 GB there for the larger network, and removes
+them.
 """
 
 import os
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 if TYPE_CHECKING:
     from robogauntlet.policies.contract import Policy

@@ -1,6 +1,7 @@
 """Runs on a machine with a GPU, which also draws: where policies compute, and what that changes in the episodes."""
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,8 @@ import yaml
 
 from robogauntlet.results.api import open_run
 from robogauntlet.results.run_document import read_run
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.shared import run_suite, table_of
+from studies.shared import run_suite, table_of
+from studies.tables import episodes_of, write_episodes
 
 TASKS = ("robosuite/Lift", "robosuite/Stack")
 SEEDS = 25
@@ -50,6 +51,13 @@ def measure() -> list[dict[str, Any]]:
     write_episodes("gpu_runs", pd.concat(frames), ["place", "policy", "task", "seed"])
     table_of(rows, COLUMNS)
     return rows
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows again, from the kept episodes."""
+    played = episodes_of("performance", "gpu_runs")
+    frames = [played[played.place == place] for place in PLACES]
+    return [dict(row) | compared(frame, frames[0]) for row, frame in zip(rows, frames, strict=True)]
 
 
 def plan(name: str, options: dict[str, Any]) -> dict[str, Any]:

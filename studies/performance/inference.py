@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 if TYPE_CHECKING:
     from robogauntlet.policies.contract import Policy, Query

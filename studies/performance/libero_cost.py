@@ -1,6 +1,7 @@
 """Processor time of a thousand of LIBERO's episodes, played by the suite's expert; before and after the speed work.
 
-By the Python of `robogauntlet env create libero`: `PYTHON -m tests.benchmarks libero_cost`. Opening a task and loading
+By the Python of `robogauntlet env create libero`: `PYTHON -m studies performance --measure
+libero_cost`. Opening a task and loading
 the expert, once per worker, are left out.
 """
 
@@ -14,8 +15,8 @@ from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies import catalog
 from robogauntlet.suites.episode import CAMERAS, Cell, Protocol, RenderProfile, View
-from tests.benchmarks.libero_experts import EXPERTS, SUITES, tasks_of
-from tests.benchmarks.shared import open_task, speed_up, table_of
+from studies.libero.libero_experts import EXPERTS, SUITES, tasks_of
+from studies.shared import open_task, speed_up, table_of
 
 SEEDS = range(3)
 WAYS: Mapping[str, tuple[RenderProfile, bool, bool]] = {

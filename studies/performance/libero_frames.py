@@ -1,6 +1,6 @@
 """The same as `frames` in LIBERO, by the Python of `robogauntlet env create libero`."""
 
-from tests.benchmarks import frames
+from studies.performance import frames
 
 TASKS = (
     "libero/spatial-0-between-plate-ramekin",

@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 EPISODES = 1_000_000
 CODE = """

@@ -6,11 +6,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from tests import ROOT
-from tests.benchmarks.chromium import browser, tab
-from tests.benchmarks.shared import table_of
+from studies.performance.chromium import browser, tab
+from studies.shared import table_of
+from studies.tables import ROOT
 
-PAGE = ROOT / "docs/reports/screening/report.html"
+PAGE = ROOT / "studies/screening/report/report.html"
 WINDOWS = {"desk": (1280, 900), "phone": (390, 844)}
 TIMES = 5
 DRAWN = """

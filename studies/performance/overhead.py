@@ -1,7 +1,8 @@
 """The cost of each perturbation: duration of a perturbed episode divided by that of its clean one, alternating.
 
 A seed's first episode under an axis may render reference images. They are cached for its later episodes, which are most
-of those in a suite with several severities or policies. Both are timed."""
+of those in a suite with several severities or policies. Both are timed.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Protocol, RenderProfile, View
-from tests.benchmarks.shared import TASKS, open_task, table_of
+from studies.shared import TASKS, open_task, table_of
 
 SEEDS = 5
 STEPS, REPLAN = 40, 4

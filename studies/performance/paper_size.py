@@ -1,6 +1,6 @@
 """A model of the paper's size with random weights: imported, merged, routed, and playing an episode on the CPU.
 
-`PAPER_SIZE=FOLDER python -m tests.benchmarks paper_size` writes 9 GB there, and removes them.
+`PAPER_SIZE=FOLDER python -m studies performance --measure paper_size` writes 9 GB there, and removes them.
 """
 
 import os
@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from tests.benchmarks.shared import stored_rows, table_of
-from tests.processes import GAUNTLET
+from studies.shared import GAUNTLET, stored_rows, table_of
 
 if TYPE_CHECKING:
     from robogauntlet.policies.mergevla.network.config import Architecture
@@ -58,7 +57,7 @@ def measure() -> list[dict[str, Any]]:
 
 def steps(folder: Path) -> list[dict[str, Any]]:
     """Run the steps in a folder."""
-    code = f"from pathlib import Path; from tests.benchmarks.paper_size import *; in_folder(Path({str(folder)!r}))"
+    code = f"from pathlib import Path; from studies.performance.paper_size import *; in_folder(Path({str(folder)!r}))"
     run(["python", "-c", code + ".released()"], folder)
     import_ = ["policies", "import", "prismatic", "released.pt", "--tokenizer", "words", "--out", "base"]
     rows = [row("Prismatic imported as a base", import_, folder, "base")]

@@ -5,8 +5,8 @@ import subprocess
 import sys
 from statistics import median
 
-from tests import ROOT
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
+from studies.tables import ROOT
 from tests.processes import environment_of
 
 PAIRS = 5

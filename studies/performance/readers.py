@@ -12,8 +12,7 @@ from pathlib import Path
 
 import psutil
 
-from tests.benchmarks.shared import duration_s, stored_rows, table_of
-from tests.processes import GAUNTLET
+from studies.shared import GAUNTLET, duration_s, stored_rows, table_of
 
 SUITE = """
 name: watched

@@ -1,6 +1,7 @@
 """Overhead of a query to a policy in another process, with two 224 px cameras over loopback.
 
-The policy answers immediately. The server is that of the command line, the client that of the workers."""
+The policy answers immediately. The server is that of the command line, the client that of the workers.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +20,7 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Episode, Protocol, View
-from tests.benchmarks.shared import table_of
-from tests.processes import GAUNTLET
+from studies.shared import GAUNTLET, table_of
 
 SIZE = 224
 QUERIES, WARM = 1000, 50

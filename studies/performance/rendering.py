@@ -5,7 +5,7 @@ import time
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.suites.episode import View
-from tests.benchmarks.shared import TASKS, episodes, open_task, table_of
+from studies.shared import TASKS, episodes, open_task, table_of
 
 EPISODES = 5
 

@@ -7,8 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table_of
-from tests.processes import GAUNTLET
+from studies.shared import GAUNTLET, table_of
 
 PLANNED, MISSING = 1_000_000, 100
 SUITE = f"""

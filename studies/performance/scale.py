@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 
 SIZES = ((10_000, 1_000), (100_000, 10), (100_000, 100), (100_000, 1_000), (1_000_000, 1_000))
 """Episodes and workers."""
@@ -22,7 +22,7 @@ EVENTS = 300
 
 CODE = """
 import json, resource, sys
-from tests.benchmarks.scale import simulate
+from studies.performance.scale import simulate
 result = simulate(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
 result["peak_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 print("result:" + json.dumps(result))

@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import stored_rows, table_of
+from studies.shared import stored_rows, table_of
 
 SUITE = """
 name: throughput

@@ -20,8 +20,8 @@ from robogauntlet.orchestrator.api.task_environment import TaskEnvironment
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
-from tests.benchmarks.shared import EXPERT_VIEW as VIEW
-from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, duration_s, episodes, play_suite, speed_up, table_of
+from studies.shared import EXPERT_VIEW as VIEW
+from studies.shared import POLICY_OPTIONS, TASKS, duration_s, episodes, play_suite, speed_up, table_of
 
 PAIRS = tuple((task, policy) for task in TASKS for policy in POLICY_OPTIONS)
 PROCESSES, EPISODES = 2, 32

@@ -22,14 +22,14 @@ from robogauntlet.orchestrator.environments.environment import Environment
 from robogauntlet.orchestrator.environments.installer import create
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.suites.environments import EnvironmentEntry
-from tests import ROOT
-from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, table_of
+from studies.shared import POLICY_OPTIONS, TASKS, table_of
+from studies.tables import ROOT
 
 HARNESS = EnvironmentEntry(
     requirements=("anyio>=4", "msgpack>=1", "websockets>=13", "lazyregistry>=0.4", "omegaconf"),
     without_dependencies=("vla-eval==0.8.0",),
 )
-PROCESS = "tests.benchmarks.vla_eval_process"
+PROCESS = "studies.performance.vla_eval_process"
 EPISODES = 4
 OURS = "ours"
 VARIANTS = {

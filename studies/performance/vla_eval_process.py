@@ -25,8 +25,8 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Policy, Query
 from robogauntlet.suites.episode import Cell, Episode, Protocol
-from tests.benchmarks.shared import EXPERT_VIEW, POLICY_OPTIONS, SteppedTask, speed_up
-from tests.benchmarks.vla_eval import OURS, VARIANTS
+from studies.performance.vla_eval import OURS, VARIANTS
+from studies.shared import EXPERT_VIEW, POLICY_OPTIONS, SteppedTask, speed_up
 
 
 class GauntletTask(StepBenchmark):

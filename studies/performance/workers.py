@@ -1,7 +1,7 @@
 """The same episodes of the same policy with one worker and with two, alternating."""
 
 from robogauntlet.results.record import outcome_row, rows_hash
-from tests.benchmarks.shared import TASKS, duration_s, play_suite, table_of
+from studies.shared import TASKS, duration_s, play_suite, table_of
 
 EPISODES, ROUNDS = 24, 2
 SUITE = """

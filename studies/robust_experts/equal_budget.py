@@ -1,6 +1,7 @@
 """Three experts of varied scenes beside plain ones with as many demonstrations and steps, under all axes.
 
-`ROBUST=FOLDER python -m tests.benchmarks equal_budget` reads the run `equal-budget` of `scripts/robust_experts.sh`.
+`ROBUST=FOLDER python -m studies robust_experts --measure equal_budget` reads the run `equal-budget` of
+`studies/robust_experts/robust_experts.sh`.
 """
 
 from __future__ import annotations
@@ -9,9 +10,9 @@ from itertools import product
 
 import pandas as pd
 
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.robust_experts import EPISODE, columns_of, compared, episodes_of, groups_of
-from tests.benchmarks.shared import table_of
+from studies.robust_experts.robust_experts import EPISODE, columns_of, compared, episodes_of, groups_of
+from studies.shared import table_of
+from studies.tables import write_episodes
 
 TOGETHER = "all three"
 FAMILIES = ("plain", "robust")

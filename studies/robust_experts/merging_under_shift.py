@@ -1,7 +1,7 @@
 """What merging and quantising cost under perturbations, for the zoo's experts and robust ones: tests of equivalence.
 
-`ROBUST=FOLDER python -m tests.benchmarks merging_under_shift` reads the runs of `scripts/robust_experts.sh`, as
-`robust_experts` does, which keeps their episodes.
+`ROBUST=FOLDER python -m studies robust_experts --measure merging_under_shift` reads the runs of
+`studies/robust_experts/robust_experts.sh`, as `robust_experts` does, which keeps their episodes.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import pandas as pd
 from robogauntlet.results.analysis.condition_comparison import Equivalence, equivalence
 from robogauntlet.results.report.formatting import points
 from robogauntlet.results.statistics.aggregate import mean_of_levels
-from tests.benchmarks.robust_experts import EXPERTS, SEVERITIES, paired, played
-from tests.benchmarks.shared import table_of
+from studies.robust_experts.robust_experts import EXPERTS, SEVERITIES, paired, played
+from studies.shared import table_of
 
 SETTINGS = {"zoo's, six tasks": ("zoo", 6), "robust, six tasks": ("robust", 6), "zoo's, nine tasks": ("zoo", 9)}
 """To the family, and its number of tasks: those of the robust experts, or all."""

@@ -1,7 +1,7 @@
 """Robust experts beside the zoo's under all axes at severities 2 and 4.
 
-`ROBUST=FOLDER python -m tests.benchmarks robust_experts` reads two runs of `scripts/robust_experts.sh` (default
-`runs/robust-experts`).
+`ROBUST=FOLDER python -m studies robust_experts --measure robust_experts` reads two runs of
+`studies/robust_experts/robust_experts.sh` (default `runs/robust-experts`).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from robogauntlet.results.run_document import read_run
 from robogauntlet.results.statistics.aggregate import Estimate, mean_of_levels
 from robogauntlet.results.statistics.rates import Interval
 from robogauntlet.suites.episode import CLEAN
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
+from studies.tables import write_episodes
 
 FAMILIES = ("zoo", "robust")
 EXPERTS, ORACLE = "experts", "oracle"

@@ -3,10 +3,10 @@
 # under all axes: demonstrations, experts from the zoo's base, two merged models, two runs. Then experts of three further
 # tasks beside plain ones of an equal budget. Finished parts are skipped and stopped ones continue, so the same command
 # goes on after any interruption.
-# Usage: scripts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some eight hours on two cores.
-# PERCENT=2 AXES=table does the same in minutes from a fiftieth of everything, along one axis: see percent.sh.
+# Usage: studies/robust_experts/robust_experts.sh [FOLDER]   (default runs/robust-experts). Takes some eight hours on two cores.
+# PERCENT=2 AXES=table does the same in minutes from a fiftieth of everything, along one axis: see scripts/percent.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=$(realpath -m "${1:-runs/robust-experts${PERCENT:+-$PERCENT-percent}}")  # the suite names checkpoints by it
 DATA="$FOLDER/varied/demonstrations"

@@ -3,7 +3,7 @@
 Those without labels are beside the calibrated one: the paper's with values, keys and both (its Table 5), and the ideas
 that lost. `self-trained` is fitted to three in four first observations of the demonstrations, whose tasks it does not
 read. A row has its 900 decisions, as the experts' numbers in the order of their names, task by task.
-`DEMONSTRATIONS=FOLDER python -m tests.benchmarks routers`
+`DEMONSTRATIONS=FOLDER python -m studies routing --measure routers`
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.suites.episode import View
-from tests.benchmarks.document import WRITTEN
-from tests.benchmarks.shared import EXPERT_VIEW, open_task, table_of
-from tests.benchmarks.unknown_scenes import INSTRUCTIONS, open_scene
+from studies.routing.unknown_scenes import INSTRUCTIONS, open_scene
+from studies.shared import EXPERT_VIEW, open_task, table_of
+from studies.tables import WRITTEN
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -101,6 +101,17 @@ def row_of(
         f"one scene, {instruction}": interval([*right[PAIR[0]], *right[PAIR[1]]]),
         f"decisions, {instruction}": "".join(map(str, chosen)),
     }
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows again, their rates from the kept decisions."""
+    names = ("read", "hidden")
+    return [dict(row) | {name: interval(right(row[f"decisions, {name}"])) for name in names} for row in rows]
+
+
+def right(decisions: str) -> list[bool]:
+    """Which decisions name the expert of their task: a digit each, in the order of tasks, `SEEDS` of each task."""
+    return [int(choice) == place // len(SEEDS) for place, choice in enumerate(decisions)]
 
 
 def interval(right: Sequence[bool]) -> str:

@@ -2,7 +2,7 @@
 
 No episode is played. Routers are fitted to the demonstrations, the calibrated one in four ways, as the shipped one
 last. A row has its decisions, as the experts' numbers in the order of their names, in the order of tasks, seeds and
-sentences. `DEMONSTRATIONS=FOLDER python -m tests.benchmarks shifted_routing`
+sentences. `DEMONSTRATIONS=FOLDER python -m studies routing --measure shifted_routing`
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from statistics import fmean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.results.statistics.rates import clustered_rate
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.episode import Perturbation as At
-from tests.benchmarks.routers import by_router, first_of_demonstrations, interval
-from tests.benchmarks.shared import EXPERT_VIEW, open_task, table_of
+from studies.routing.routers import by_router, first_of_demonstrations, interval
+from studies.shared import EXPERT_VIEW, open_task, table_of
 
 if TYPE_CHECKING:
     from robogauntlet.adapters.contract import Observation
@@ -131,6 +131,11 @@ def measure() -> list[dict[str, object]]:
     shifts = {shift: f"{{{shift}}}" for shift in SHIFTS}
     table_of(rows, {"router": "{router}", "instruction": "{instruction}", **shifts, "AUROC, left out": f"{{{AUROC}}}"})
     return rows
+
+
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows again, their rates from the kept decisions."""
+    return [dict(row) | rates(row["decisions"], sorted(SENTENCES)) for row in rows]
 
 
 def rates(decisions: Mapping[str, str], experts: Sequence[str]) -> dict[str, str]:

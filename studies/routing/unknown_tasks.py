@@ -2,7 +2,7 @@
 
 The known tasks' first observations are those of `routers`. The unknown tasks were fixed before any was scored; what
 may be chosen was chosen on others (`unknown_scenes.DEVELOPMENT`), and on known tasks left out of the fit.
-`DEMONSTRATIONS=FOLDER python -m tests.benchmarks unknown_tasks`
+`DEMONSTRATIONS=FOLDER python -m studies routing --measure unknown_tasks`
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from itertools import chain
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from tests.benchmarks.routers import first_of_demonstrations, observed
-from tests.benchmarks.shared import EXPERT_VIEW, table_of
-from tests.benchmarks.unknown_scenes import REPORTED
+from studies.routing.routers import first_of_demonstrations, observed
+from studies.routing.unknown_scenes import REPORTED
+from studies.shared import EXPERT_VIEW, table_of
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -1,7 +1,7 @@
 """Experts of the SO-101's tasks and their merges, in the colours that they were trained with and in others.
 
-`SO101=FOLDER python -m tests.benchmarks so101` (default `runs/so101`) merges and plays the experts of
-`scripts/so101.sh`. What is finished in the folder is kept, so that the same command continues.
+`SO101=FOLDER python -m studies so101 --measure so101` (default `runs/so101`) merges and plays the experts of
+`studies/so101/so101.sh`. What is finished in the folder is kept, so that the same command continues.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import pandas as pd
 from robogauntlet.adapters.so101.tasks import OTHER_COLOURS
 from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks import arms
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.operators import percent
-from tests.benchmarks.shared import merged_policy, play_policies, table_of
+from studies.arms import arms
+from studies.merging.operators import percent
+from studies.shared import merged_policy, play_policies, table_of
+from studies.tables import write_episodes
 
 TASKS = ("so101/PickPlace", "so101/Push", "so101/Stack")
 SETTINGS = {"trained colours": TASKS, "other colours": tuple(f"{task}{OTHER_COLOURS}" for task in TASKS)}

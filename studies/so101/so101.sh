@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # Experts of the SO-101's three tasks from fifty demonstrations each, as in MergeVLA's fourth table: demonstrations, a
 # base of the three tasks, the experts. Finished parts are skipped and stopped ones continue, so the same command goes on
-# after any interruption. `SO101=FOLDER python -m tests.benchmarks so101` merges and plays them.
-# Usage: scripts/so101.sh [FOLDER]   (default runs/so101). Takes three quarters of an hour on two cores.
-# PERCENT=1 makes the same in a minute from a hundredth of everything: see percent.sh.
+# after any interruption. `SO101=FOLDER python -m studies so101 --measure so101` merges and plays them.
+# Usage: studies/so101/so101.sh [FOLDER]   (default runs/so101). Takes three quarters of an hour on two cores.
+# PERCENT=1 makes the same in a minute from a hundredth of everything: see scripts/percent.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=${1:-runs/so101${PERCENT:+-$PERCENT-percent}}
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}

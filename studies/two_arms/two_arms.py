@@ -1,7 +1,7 @@
 """Experts of two arms merged beside experts of one, in a network of two arms.
 
-`TWO_ARMS=FOLDER python -m tests.benchmarks two_arms` (default `runs/two-arms`) merges and plays the experts of
-`scripts/two_arms.sh`. What is finished in the folder is kept, so that the same command continues.
+`TWO_ARMS=FOLDER python -m studies two_arms --measure two_arms` (default `runs/two-arms`) merges and plays the experts
+of `studies/two_arms/two_arms.sh`. What is finished in the folder is kept, so that the same command continues.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 import pandas as pd
 
 from robogauntlet.policies.mergevla.options import expert_folders
-from tests.benchmarks import arms
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.shared import merged_policy, play_policies, table_of
+from studies.arms import arms
+from studies.shared import merged_policy, play_policies, table_of
+from studies.tables import write_episodes
 
 TASKS = (
     *("robosuite/TwoArmLift@TwoPandas", "maniskill/TwoRobotPickCube-v1@TwoPandas"),

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # Experts of two arms beside experts of one, on a base of two arms: demonstrations, the base, the experts. Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
-# `TWO_ARMS=FOLDER python -m tests.benchmarks two_arms` merges and plays them.
-# Usage: scripts/two_arms.sh [FOLDER]   (default runs/two-arms). Takes two hours on two cores.
-# PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
+# `TWO_ARMS=FOLDER python -m studies two_arms --measure two_arms` merges and plays them.
+# Usage: studies/two_arms/two_arms.sh [FOLDER]   (default runs/two-arms). Takes two hours on two cores.
+# PERCENT=1 makes the same in minutes from a hundredth of everything: see scripts/percent.sh.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 . scripts/percent.sh
 FOLDER=${1:-runs/two-arms${PERCENT:+-$PERCENT-percent}}
 DATA="$FOLDER/demonstrations"

@@ -1,6 +1,7 @@
 """The smallest disturbances that break the shipped experts, in a task of each simulator: what `search` finds.
 
-`SEARCH=FOLDER python -m tests.benchmarks boundaries` (default `runs/boundaries`) searches, or goes on with a search.
+`SEARCH=FOLDER python -m studies worst_cases --measure boundaries` (default `runs/boundaries`) searches, or goes on with
+a search.
 """
 
 from __future__ import annotations
@@ -21,9 +22,8 @@ from robogauntlet.results.statistics.worst_case import (
     WorstCases,
     search_worst_cases,
 )
-from tests.benchmarks.document import write_episodes
-from tests.benchmarks.shared import table_of
-from tests.processes import run_gauntlet
+from studies.shared import run_gauntlet, table_of
+from studies.tables import write_episodes
 
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
 AXES = ("camera-bump", "object-position")
@@ -36,10 +36,7 @@ def measure() -> list[dict[str, str]]:
     """A row for each boundary and each test of it; writes the episodes beside the rows."""
     folder = Path(os.environ.get("SEARCH", "runs/boundaries")).absolute()
     chosen = [word for name, values in (("--task", TASKS), ("--axis", AXES)) for one in values for word in (name, one)]
-    search = run_gauntlet(
-        "search", "--policy", "zoo:experts", *chosen, "--budget", BUDGET, "--out", folder, timeout=None
-    )
-    assert search.returncode == 0, search.stderr
+    run_gauntlet("search", "--policy", "zoo:experts", *chosen, "--budget", BUDGET, "--out", folder)
     frame = pd.concat(open_run(played).episodes(EPISODE) for played in sorted(folder.glob("*/round-*")))
     write_episodes("boundaries", frame, EPISODE[:4])
     rows = rows_of(frame)

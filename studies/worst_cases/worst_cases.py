@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tests.benchmarks.shared import table_of
+from studies.shared import table_of
 from tests.results.statistics.test_worst_case import Policy, run, smallest_found
 
 SEARCHES = 200

@@ -1,4 +1,4 @@
-"""The arms of robosuite's tasks beside the Panda; `python -m tests.benchmarks oracles` plays all of them."""
+"""The arms of robosuite's tasks beside the Panda; `python -m studies oracles --measure oracles` plays all of them."""
 
 import ast
 import re

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.document import WRITTEN, write
+from studies.tables import WRITTEN, write
 from tests.chaos.campaign import CampaignResult, draw_faults, run_campaign
 from tests.chaos.cluster_nodes import why_not
 from tests.chaos.places import OneMachine, three_nodes

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 
-import pandas as pd
 import pytest
 
 from robogauntlet.results.run_document import RUN_FILE, STORE_FILE, RunError, read_run, shortened, store_url, write_run
 from robogauntlet.results.store.episode_store import Store
-from tests import ROOT
 from tests.errors import one_line_error
 from tests.results.synthetic import document
 
@@ -126,10 +124,3 @@ def test_a_document_of_any_size_needs_no_memory(tmp_path):
         file.truncate(2**40)
     with one_line_error(RunError, "expected a run document, got more than 268,435,456 bytes"):
         read_run(tmp_path)
-
-
-def test_the_run_that_the_documentation_keeps_can_be_read():
-    folder = ROOT / "docs/reports/screening"
-    rows = pd.read_parquet(folder / "episodes.parquet", columns=["episode_id"])
-    run = read_run(folder)
-    assert (run.planned, run.status) == (len(rows), "complete")

@@ -250,4 +250,4 @@ CONTROLS = {
     "tiny-quirks": replace(TINY, quirks=PaperCodeQuirks.paper()),
     "tiny-self-attention-sigmoid": replace(TINY, expert=ExpertConfig(heads=4, self_attention=True, tanh_gate=False)),
 }
-"""Networks of `scripts/training_controls.sh`: other action experts, and the errors of the released code."""
+"""Networks of `studies/merging/training_controls.sh`: other action experts, and the errors of the released code."""

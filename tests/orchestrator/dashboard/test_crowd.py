@@ -1,4 +1,4 @@
-"""A dashboard that twenty hostile clients attack: `tests.benchmarks.crowd` measures how fast it answers."""
+"""A dashboard that twenty hostile clients attack: `studies.performance.crowd` measures how fast it answers."""
 
 import time
 from contextlib import closing

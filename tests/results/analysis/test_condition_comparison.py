@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 
 from robogauntlet.results.analysis.condition_comparison import equivalence, first_to_fail, interaction
-from robogauntlet.results.analysis.robustness import COLUMNS, Repeats, build_robustness
+from robogauntlet.results.analysis.robustness import Repeats
 from robogauntlet.results.report import condition_comparison as words
 from robogauntlet.results.report.findings import findings
-from robogauntlet.results.report.parquet import read_frame
-from robogauntlet.results.run_document import read_run
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import AdaptiveEntry, CompareEntry
-from tests import ROOT
 from tests.results.synthetic import cells, document, robustness_of, row, rows_where
 
 AXES = ("noise", "blur")
@@ -114,34 +111,6 @@ def test_a_level_without_a_verdict_of_both_does_not_count():
     ).condition_comparison.equivalences
     assert (found.levels, found.pairs) == (2, 2 * 2 * SEEDS)
     assert found.loss.value == pytest.approx(0.1, abs=0.08)
-
-
-@pytest.mark.parametrize(("name", "sentences"), [("shift", 7), ("screening", 10)])
-def test_the_sentences_about_a_kept_run_are_findings_from_its_rows(name, sentences):
-    kept = ROOT / "docs/reports" / name
-    built = build_robustness(read_run(kept), read_frame(kept / "episodes.parquet", COLUMNS))
-    said = [line[2:] for line in (kept / "README.md").read_text("utf-8").splitlines() if line.startswith("- ")]
-    assert len(said) == sentences
-    assert set(said) <= set(findings(built))
-
-
-def test_the_page_says_what_the_kept_screening_found_beside_its_readme():
-    kept = ROOT / "docs/reports/screening"
-    found = findings(build_robustness(read_run(kept), read_frame(kept / "episodes.parquet", COLUMNS)))
-    page = " ".join((ROOT / "docs/robustness.md").read_text("utf-8").split())
-    (lowest,) = (
-        line.partition("outside, ")[2] for line in found if line.startswith("experts: lowest at object-position@4")
-    )
-    assert f"to {lowest[:-1]} with objects 7 cm outside" in page
-    assert not any("the router failed first" in line for line in found)
-    assert "the router along none" in page
-
-
-def test_the_readme_says_what_the_kept_run_of_shipped_policies_found():
-    lines = (ROOT / "docs/reports/screening/README.md").read_text("utf-8").splitlines()
-    (lost,) = (line.split(": +")[1].partition(" percent")[0] for line in lines if "perturbed levels" in line)
-    readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
-    assert f"by less than 5 points: it loses {lost.replace(' ', ' points ', 1)} (90 % interval" in readme
 
 
 def test_equivalence_is_tested_only_with_a_margin_and_a_number_of_seeds_that_was_fixed_before():

@@ -6,8 +6,6 @@ import pytest
 
 from robogauntlet.results.analysis import combinations as analysis
 from robogauntlet.results.report import Summary, combinations, write_report
-from robogauntlet.results.report.parquet import read_frame
-from robogauntlet.results.run_document import read_run
 from tests import ROOT
 from tests.results.analysis.test_combinations import (
     SOBOL,
@@ -34,29 +32,6 @@ def test_three_sentences_say_when_why_and_how_sure():
     assert why == "Why: unknown, indices need a suite with design: {kind: sobol}."
     assert "1 failure cluster found on one half of the seeds and confirmed on the other (p <0.001" in sure
     assert sure.endswith("800 episodes at 200 points.")
-
-
-@pytest.mark.parametrize("name", ["combinations", "why"])
-def test_the_sentences_about_a_kept_run_are_those_of_its_rows(name):
-    folder = KEPT / name
-    built = analysis.build_combinations(read_run(folder), read_frame(folder / "episodes.parquet", analysis.COLUMNS))
-    page = (folder / "README.md").read_text()
-    for one in built.policies:
-        for sentence in combinations.sentences(one, built.axes):
-            assert f"- {sentence}\n" in page
-
-
-def test_the_numbers_on_the_page_of_the_kept_run_why_are_those_of_its_rows():
-    folder = KEPT / "why"
-    rows = read_frame(folder / "episodes.parquet", (*analysis.COLUMNS, "policy")).astype({"task": str})
-    built = analysis.build_combinations(read_run(folder), rows)
-    page = " ".join((folder / "README.md").read_text().split())
-    assert rows[rows.status == "error"].groupby("task").size().to_dict() == {"maniskill/PushCube-v1": 4}
-    assert [one.base_points_left_out for one in built.policies] == [2, 0, 0]
-    unsolved = rows[(rows.policy == "oracle") & (rows.status != "success")]
-    assert unsolved.groupby("task")["axis"].nunique().to_dict() == {"robosuite/Lift": 17}
-    (agreement,) = built.agreement
-    assert f"Kendall's tau-b {agreement.tau:.2f} (one-sided p = {agreement.p_value:.2f})" in page
 
 
 def test_indices_are_named_largest_first():

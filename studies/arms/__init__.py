@@ -1,0 +1,1 @@
+"""Experts of several arms of robosuite, and merges of them."""

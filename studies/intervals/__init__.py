@@ -1,0 +1,1 @@
+"""How often intervals, tests, indices and clusters are right, by simulated policies."""

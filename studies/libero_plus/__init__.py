@@ -1,0 +1,1 @@
+"""LIBERO's experts and their merges under the axes of LIBERO-Plus."""

@@ -1,0 +1,1 @@
+"""Nine experts in three simulators: merged, routed, or kept apart in few bits."""

@@ -1,0 +1,1 @@
+"""Merging and routing up to twenty experts of Meta-World."""

@@ -1,0 +1,1 @@
+"""What the scripted oracles solve, and which failures are recognised."""

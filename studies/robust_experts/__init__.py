@@ -1,0 +1,1 @@
+"""Experts of varied scenes, and what merging costs under shift."""

@@ -1,0 +1,1 @@
+"""Which expert a first observation belongs to, by routers with and without labels."""

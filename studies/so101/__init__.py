@@ -1,0 +1,1 @@
+"""Experts of the SO-101, and merges of them."""

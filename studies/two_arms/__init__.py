@@ -1,0 +1,1 @@
+"""Experts of tasks with two arms, and merges of them."""

@@ -1,0 +1,1 @@
+"""The smallest disturbances that break a policy: what the search finds."""
