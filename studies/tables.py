@@ -20,12 +20,16 @@ from typing import Any
 
 import pandas as pd
 
+from robogauntlet.results.statistics.rates import wilson_interval
+
 STUDIES = Path(__file__).parent
 ROOT = STUDIES.parent
 WRITTEN = ROOT / "runs/bench"
 """Where measurements are written."""
 NAMES = sorted(path.parent.name for path in STUDIES.glob("*/README.md"))
 PACKAGES = ("mujoco", "robosuite", "sapien", "mani-skill", "pybullet", "torch", "ray")
+SUCCESS = "success"
+"""The table of a kept report, which has no module of its own."""
 END = "<!-- end -->"
 BLOCK = re.compile(rf"(<!-- table: (\w+) -->\n).*?{END}", re.DOTALL)
 
@@ -52,6 +56,8 @@ def readme(study: str) -> Path:
 
 def counted(study: str, name: str) -> list[dict[str, Any]]:
     """The rows of a table, counted again in the kept episodes or decisions where its module does so (`counted`)."""
+    if name == SUCCESS:
+        return success(study)
     rows: list[dict[str, Any]] = kept(study, name)["rows"]
     if not (STUDIES / study / f"{name}.py").exists():
         return rows
@@ -110,3 +116,27 @@ def markdown(study: str, name: str) -> Iterator[str]:
 def with_tables(study: str, text: str) -> str:
     """A page with all its tables as the kept rows have them."""
     return BLOCK.sub(lambda found: "\n".join((found[1], *markdown(study, found[2]), "", END)), text)
+
+
+def success(study: str) -> list[dict[str, Any]]:
+    """Success by condition and policy in the episodes of a study's kept report, with Wilson's interval, errors apart.
+
+    Combinations of axes count together, by simulator. They have no interval, since episodes of one point are alike.
+    """
+    frame = pd.read_parquet(STUDIES / study / "report/episodes.parquet")
+    combined = frame["axis"].str.contains("@").any()
+    names = frame["axis"].where(frame["severity"] == 0, frame["axis"] + "@" + frame["severity"].astype(str))
+    if combined:
+        names = frame["simulator"].astype(str) + ", " + frame["axis"].where(frame["axis"] == "clean", "combinations")
+    outcomes = frame["status"].map({"success": 1.0, "failure": 0.0})
+    rows = []
+    for name, played in outcomes.groupby(names):
+        row = {"condition": str(name)} | dict.fromkeys(sorted(frame["policy"].unique().astype(str)), "")
+        for policy, its in played.groupby(frame["policy"]):
+            won, count = int(its.sum()), int(its.count())
+            ends = wilson_interval(won, count)
+            row[str(policy)] = f"{won} of {count}"
+            if ends and not combined:
+                row[str(policy)] = f"{100 * won / count:.0f} % [{100 * ends.low:.0f}, {100 * ends.high:.0f}]"
+        rows.append(row)
+    return rows

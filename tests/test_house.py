@@ -44,11 +44,11 @@ BUDGETS = {
     "policies": 14_790,
     "results": 14_290,
     "suites": 2_880,
-    "src/robogauntlet": 1_020,
-    "tests": 57_800,
+    "src/robogauntlet": 1_022,
+    "tests": 50_500,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
-WORDS = 98_000
+WORDS = 64_000
 """Words that README, CONTRIBUTING, CHANGELOG and the pages in docs may have, without references and reports."""
 
 
