@@ -114,10 +114,10 @@ def test_policies_depend_on_no_single_simulator():
     assert {name for name in names if name.startswith("robogauntlet.adapters")} <= allowed
 
 
-def test_private_names_of_libraries_are_imported_only_where_there_is_a_fallback():
+def test_private_names_of_libraries_are_imported_nowhere():
     private = re.compile(r"\b(ray|typer|click|pandas|scipy)\._[a-z]|type_descriptor|\bpandas\.core\b")
     found = {path.name for path in MODULES.values() if private.search(path.read_text(encoding="utf-8"))}
-    assert found == {"parts.py", "cluster.py"}  # both in orchestrator/ray_runtime
+    assert found == set()  # orchestrator/ray_runtime/private_names.py asks for those of Ray, which may be absent
 
 
 def test_no_module_imports_itself_through_others():

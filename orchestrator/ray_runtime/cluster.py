@@ -28,9 +28,8 @@ REFUSED, NO_HEAD = 7, 8
 _ASK = f"""
 import sys
 from ray.exceptions import AuthenticationError
-try:
-    from ray._raylet import GcsClient
-except ImportError:  # a private name; Ray then says itself whether it can join
+from robogauntlet.orchestrator.ray_runtime.private_names import private
+if (client := private("_raylet", "GcsClient")) is None:  # Ray then says itself whether it can join
     sys.exit(0)
 try:
     if sys.argv[1] == "auto":
@@ -38,7 +37,7 @@ try:
 
         ray.init("auto", log_to_driver=False, logging_level="ERROR")
     else:
-        GcsClient(address=sys.argv[1])
+        client(address=sys.argv[1])
 except AuthenticationError:
     sys.exit({REFUSED})
 except Exception:

@@ -14,13 +14,7 @@ from typing import Any
 import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
-from robogauntlet.orchestrator.ray_runtime.parts import (
-    job_without_folders,
-    private,
-    private_module,
-    replaced,
-    without_unused_parts,
-)
+from robogauntlet.orchestrator.ray_runtime.private_names import job_without_folders, private, replaced
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
 from robogauntlet.support.interrupts import deferred_interrupts
@@ -143,9 +137,7 @@ def _set_environment(variables: Mapping[str, str | None]) -> None:
 @contextlib.contextmanager
 def _on_loopback(applies: bool) -> Iterator[None]:
     """Give Ray the loopback address during the block: it read the environment variable when it was first imported."""
-    with (
-        replaced(private_module("ray_constants"), "ENABLE_RAY_CLUSTER", False) if applies else contextlib.nullcontext()
-    ):
+    with replaced("_private.ray_constants", "ENABLE_RAY_CLUSTER", False) if applies else contextlib.nullcontext():
         yield
 
 
@@ -164,10 +156,9 @@ def _start(address: str | None, workers: int) -> None:
     children = set(psutil.Process().children(recursive=True))
     try:
         with (
-            without_unused_parts(),
             _environment(_hidden() if address is None else {}),
             # Its own handlers exit with another code, and would be in force for the seconds of the start.
-            replaced(private_module("utils"), "set_sigterm_handler", lambda _: None),
+            replaced("_private.utils", "set_sigterm_handler", lambda _: None),
         ):
             ray.init(address or "local", **options)
     except BaseException as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
@@ -273,7 +264,7 @@ def in_session(runtime_env: Mapping[str, Any]) -> dict[str, Any]:
 
 def _dead_parts() -> dict[str, int]:
     """The vital processes of the Ray started here that have died, with their exit status."""
-    node = private("worker", "_global_node")
+    node = private("_private.worker", "_global_node")
     return {kind: process.returncode for kind, process in (node.dead_processes() if node else ()) if kind in _VITAL}
 
 
@@ -298,7 +289,7 @@ def free_resources() -> Mapping[str, Mapping[str, float]]:
     """What is free on each node, by its id; all that it has where Ray does not say what is free."""
     import ray
 
-    if (of_nodes := private("state", "available_resources_per_node")) is not None:
+    if (of_nodes := private("_private.state", "available_resources_per_node")) is not None:
         free: Mapping[str, Mapping[str, float]] = of_nodes()
         return free
     return {node["NodeID"]: node["Resources"] for node in ray.nodes() if node["Alive"]}
@@ -307,5 +298,5 @@ def free_resources() -> Mapping[str, Mapping[str, float]]:
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
     """Keep Ray's long messages about dead workers and nodes out of the display; the scheduler reports them."""
-    with replaced(private_module("worker"), "print_to_stdstream", lambda *_, **__: None):
+    with replaced("_private.worker", "print_to_stdstream", lambda *_, **__: None):
         yield

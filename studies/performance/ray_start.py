@@ -1,4 +1,4 @@
-"""A start of Ray and of a worker on one machine, as runs do it, beside Ray's own; each in a new process, by turns."""
+"""A start of Ray and of a worker on one machine, as runs do it; each in a new process."""
 
 import json
 import subprocess
@@ -9,14 +9,12 @@ from studies.shared import table_of
 from studies.tables import ROOT
 from tests.processes import environment_of
 
-PAIRS = 5
+TIMES = 5
 CODE = """
-import contextlib, json, os, sys, time
+import json, os, time
 import psutil, ray
 from robogauntlet.orchestrator.ray_runtime import session
 
-if sys.argv[1] == "all":
-    session.without_unused_parts = contextlib.nullcontext
 start = time.perf_counter()
 with session.ray_session(address=None, workers=1):
     up = time.perf_counter() - start
@@ -31,22 +29,17 @@ with session.ray_session(address=None, workers=1):
 result |= {"up": up, "down": time.perf_counter() - end, "spent": spent, "memory": memory, "parts": len(parts)}
 print(json.dumps(result))
 """
-TITLES = {"all": "all of Ray's parts", "used": "those that a run uses"}
 
 
 def measure() -> list[dict[str, object]]:
     """Medians: seconds until Ray and a worker are up and Ray is down; processor time (s), memory (MB), processes."""
-    found: dict[str, list[dict[str, float]]] = {way: [] for way in TITLES}
-    for _ in range(PAIRS):
-        for way, starts in found.items():
-            command = [sys.executable, "-c", CODE, way]
-            done = subprocess.run(command, env=environment_of(ROOT), capture_output=True, text=True, check=True)
-            starts.append(json.loads(done.stdout.splitlines()[-1]))
-    rows: list[dict[str, object]] = [
-        {"way": TITLES[way], **{name: median(one[name] for one in starts) for name in starts[0]}}
-        for way, starts in found.items()
-    ]
-    columns = {"started": "{way}", "processes": "{parts:.0f}", "processor time, s": "{spent:.2f}"}
+    starts: list[dict[str, float]] = []
+    for _ in range(TIMES):
+        command = [sys.executable, "-c", CODE]
+        done = subprocess.run(command, env=environment_of(ROOT), capture_output=True, text=True, check=True)
+        starts.append(json.loads(done.stdout.splitlines()[-1]))
+    rows: list[dict[str, object]] = [{name: median(one[name] for one in starts) for name in starts[0]}]
+    columns = {"processes": "{parts:.0f}", "processor time, s": "{spent:.2f}"}
     columns |= {"memory, MB": "{memory:.0f}", "up, s": "{up:.1f}", "down, s": "{down:.1f}"}
     table_of(rows, columns | {"a worker: processor time, s": "{worker:.2f}", "a worker: up, s": "{worker_up:.1f}"})
     return rows

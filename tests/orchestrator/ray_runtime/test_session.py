@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robogauntlet.orchestrator.ray_runtime.parts import UNUSED, without_unused_parts
+from robogauntlet.orchestrator.ray_runtime.private_names import private, replaced
 from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
     free_resources,
@@ -20,12 +20,12 @@ from tests.processes import GAUNTLET, listening_addresses, run_process, started_
 
 
 def test_a_ray_without_the_private_names_is_used_by_its_public_ones(monkeypatch):
-    monkeypatch.setattr("robogauntlet.orchestrator.ray_runtime.parts.private_module", lambda name: None)
+    monkeypatch.setattr("robogauntlet.orchestrator.ray_runtime.private_names.private_module", lambda name: None)
     nodes = [{"NodeID": "a", "Alive": True, "Resources": {"CPU": 2.0}}, {"NodeID": "b", "Alive": False}]
     monkeypatch.setattr("ray.nodes", lambda: nodes)
     assert free_resources() == {"a": {"CPU": 2.0}}
-    with without_unused_parts():
-        pass
+    with replaced("_private.utils", "set_sigterm_handler", None):
+        assert private("_private.utils", "set_sigterm_handler") is None
 
 
 @pytest.mark.parametrize(
@@ -60,15 +60,14 @@ def test_the_scarcest_resource_of_a_node_decides_how_many_workers_fit(free, opti
 SESSION = """
 import json, os, psutil, ray
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
-from tests.processes import listening_addresses, started_by
+from tests.processes import listening_addresses
 
 before = {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 with ray_session(address=None, workers=1):
     token = os.environ["RAY_AUTH_MODE"]
     listening = listening_addresses(psutil.Process())
-    unused = [name for name in ("monitor.py", "dashboard.py", "::DashboardAgent") if started_by(psutil.Process(), name)]
 same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
-found = {"mode": token, "listening": sorted(listening), "unused": unused, "environment as before": same}
+found = {"mode": token, "listening": sorted(listening), "environment as before": same}
 print(json.dumps(found))
 """
 
@@ -83,25 +82,6 @@ def found():
 @pytest.mark.ray
 def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(found):
     assert (found["mode"], found["listening"], found["environment as before"]) == ("token", ["127.0.0.1"], True)
-
-
-@pytest.mark.ray
-def test_ray_of_one_machine_runs_without_autoscaler_log_monitor_dashboard_and_its_agent(found):
-    assert found["unused"] == []
-
-
-@pytest.mark.ray
-@pytest.mark.parametrize("installed", [True, False])
-def test_the_server_of_rays_dashboard_starts_where_its_agent_would_look_for_it(installed, monkeypatch):
-    from ray._private.node import Node
-
-    missing = None if installed else ImportError("aiohttp")
-    monkeypatch.setattr("ray._private.utils.get_dashboard_dependency_error", lambda: missing)
-    before = {name: getattr(Node, name) for name in UNUSED}
-    with without_unused_parts():
-        started = [name for name, start in before.items() if getattr(Node, name) is start]
-    assert started == (["start_api_server"] if installed else [])
-    assert {name: getattr(Node, name) for name in UNUSED} == before
 
 
 FAILING = """

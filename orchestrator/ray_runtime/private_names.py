@@ -1,0 +1,54 @@
+"""Private names of Ray, where it has no public ones. Whoever uses one does without it where Ray lacks it."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+
+def private_module(name: str) -> Any:
+    """A private module of Ray, such as `_private.utils`; None if this version of Ray lacks it."""
+    try:
+        return importlib.import_module(f"ray.{name}")
+    except ImportError:
+        return None
+
+
+def private(module: str, name: str) -> Any:
+    """A name of a private module of Ray; None if this version of Ray lacks it."""
+    return getattr(private_module(module), name, None)
+
+
+@contextlib.contextmanager
+def replaced(module: str, name: str, value: Any) -> Iterator[None]:
+    """Replace a name of a private module of Ray during the block, if this version of Ray has it."""
+    if (before := private(module, name)) is None:
+        yield
+        return
+    place = private_module(module)
+    setattr(place, name, value)
+    try:
+        yield
+    finally:
+        setattr(place, name, before)
+
+
+class _NoFolders(list[str]):
+    """A list to which nothing is added."""
+
+    def extend(self, _: Iterable[str]) -> None:
+        """Add nothing."""
+
+
+def job_without_folders() -> Any:
+    """What Ray is told about this process, without the folders of its script and its work.
+
+    Workers would look for every module there first, before Python's own.
+    """
+    from ray.job_config import JobConfig
+
+    job = JobConfig()
+    job._py_driver_sys_path = _NoFolders()
+    return job
