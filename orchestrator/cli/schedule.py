@@ -23,7 +23,7 @@ from robogauntlet.orchestrator.cli.common import (
     runs_root,
 )
 from robogauntlet.orchestrator.cli.console_tables import rich_table
-from robogauntlet.orchestrator.cli.serve import PublicUrl, public_origin
+from robogauntlet.orchestrator.cli.serve import PublicUrl, public_address
 from robogauntlet.orchestrator.notifications import Message, Notifier, notifiers, send_all
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.plan import make_plan
@@ -59,7 +59,7 @@ class _Stores:
         return schedule
 
     def server(self, recipients: list[Notifier], public_url: str | None, max_parallel: int = 1) -> Server:
-        public = None if public_url is None else str(public_origin(public_url))
+        public = public_address(public_url)
 
         def send(message: Message) -> None:
             _log(message.title)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import socket
 import sys
 import threading
 import time
 from contextlib import closing, suppress
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
+from urllib.parse import urlsplit
 
 import typer
 
@@ -17,15 +19,14 @@ from robogauntlet.orchestrator.cli.common import TOKEN, HistoryUrl, Host, Port, 
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.network import is_loopback
 
-if TYPE_CHECKING:
-    from robogauntlet.orchestrator.dashboard.origins import Origin
-
 log = logging.getLogger("robogauntlet.dashboard")
-TOKEN_READ = "ROBOGAUNTLET_TOKEN_READ"
 LEAST_TOKEN = 16
 """Fewest characters of a token that other machines may try."""
+SWITCH_S = 0.0005
+"""How long a thread that computes keeps others waiting (s): a page waits for its turn dozens of times."""
 LAST_S = 1.0
 """Time that threads have to end after the server (s)."""
+PUBLIC_URL = re.compile(r"https?://([\w.-]+|\[[0-9a-f:.]+\])(:\d{1,5})?", re.IGNORECASE)
 PublicUrl = Annotated[
     str | None,
     typer.Option(
@@ -37,42 +38,24 @@ PublicUrl = Annotated[
 ]
 
 
-def serve(
-    host: Host = "127.0.0.1",
-    port: Port = 8770,
-    public_url: PublicUrl = None,
-    max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest size of an uploaded run (MB).")] = 256,
-    max_uploads_gb: Annotated[
-        float, typer.Option(min=0.001, max=1e6, help="Largest size of all uploaded runs together (GB).")
-    ] = 20.0,
-    url: HistoryUrl = None,
-) -> None:
+def serve(host: Host = "127.0.0.1", port: Port = 8770, public_url: PublicUrl = None, url: HistoryUrl = None) -> None:
     """Serve the dashboard.
 
-    Its pages show running suites, results and schedules. Ctrl-C stops it.
+    Its pages show running suites, results and schedules, and change nothing. Ctrl-C stops it.
     """
-    public = None if public_url is None else public_origin(public_url)
-    token, read_token = _tokens(host, public)
+    public = public_address(public_url)
+    public_host = None if public is None else urlsplit(public).hostname
+    token = _token(host, public, public_host)
 
-    import uvicorn
-
-    from robogauntlet.orchestrator.dashboard.app import create_app
+    from robogauntlet.orchestrator.dashboard.app import create_app, server_of
     from robogauntlet.orchestrator.dashboard.app_state import Settings
-    from robogauntlet.orchestrator.dashboard.server import SWITCH_S, server_config
     from robogauntlet.orchestrator.schedules.store import ScheduleStore
 
     listening = listen(host, port)
     with listening, open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedule_store:
-        settings = Settings(
-            runs_root(url),
-            host,
-            token,
-            read_token=read_token,
-            public=public,
-            max_upload=max_upload_mb * 1024 * 1024,
-            max_uploads=int(max_uploads_gb * 1e9),
-        )
-        app = create_app(history, schedule_store, settings)
+        is_https = public is not None and public.startswith("https:")
+        settings = Settings(runs_root(url), host, token, public_host=public_host, is_https=is_https)
+        server = server_of(create_app(history, schedule_store, settings))
         shown = f"[{host}]" if ":" in host else host
         address = f"http://{shown}:{listening.getsockname()[1]}/"
         names = address if public is None else f"{public}/, behind it {address}"
@@ -82,7 +65,7 @@ def serve(
         os.nice(19)  # below Ray's workers, which have 15
         sys.setswitchinterval(SWITCH_S)
         with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
-            uvicorn.Server(server_config(app)).run(sockets=[listening])
+            server.run(sockets=[listening])
     _end_slow_answers()
 
 
@@ -99,7 +82,7 @@ def _end_slow_answers() -> None:
 
 
 def _log_to_stderr() -> None:
-    """Write the dashboard's log to standard error: a line with its time for each upload and each wrong token."""
+    """Write the dashboard's log to standard error: a line with its time for each wrong token and each problem."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     log.addHandler(handler)
@@ -107,38 +90,31 @@ def _log_to_stderr() -> None:
     log.propagate = False
 
 
-def public_origin(url: str) -> Origin:
-    """The origin of the public address. Raises BadInput."""
-    from robogauntlet.orchestrator.dashboard.origins import origin_of
-
-    origin = origin_of(url.removesuffix("/"))
-    if origin is None:
+def public_address(url: str | None) -> str | None:
+    """The public address in small letters, without a slash at its end; None if there is none. Raises BadInput."""
+    if url is None:
+        return None
+    address = url.removesuffix("/").lower()
+    if not PUBLIC_URL.fullmatch(address):
         raise BadInput(f"--public-url: expected an address such as https://lab.example.org without a path, got '{url}'")
-    return origin
+    return address
 
 
-def _tokens(host: str, public: Origin | None) -> tuple[str | None, str | None]:
-    """The tokens for everything and for reading. Raises BadInput if one is missing, malformed or too short."""
-    token, read_token = (os.environ.get(name) or None for name in (TOKEN, TOKEN_READ))
-    is_public = not is_loopback(host) or (public is not None and not is_loopback(public.host))
+def _token(host: str, public: str | None, public_host: str | None) -> str | None:
+    """The token that requests must carry. Raises BadInput if it is missing where others can connect, or malformed."""
+    token = os.environ.get(TOKEN) or None
+    is_public = not is_loopback(host) or (public_host is not None and not is_loopback(public_host))
     option = f"--host {host}" if not is_loopback(host) else f"--public-url {public}"
     advice = f"for example: export {TOKEN}=$(openssl rand -hex 32)"
     if token is None and is_public:
         raise BadInput(
             f"{option}: other machines can reach it; expected a token in the variable {TOKEN}, got none; {advice}"
         )
-    for name, value in ((TOKEN, token), (TOKEN_READ, read_token)):
-        if value is not None and not (value.isascii() and value.isprintable() and " " not in value):
-            raise BadInput(f"{name}: expected ASCII characters without spaces")
-        if value is not None and is_public and len(value) < LEAST_TOKEN:
-            raise BadInput(
-                f"{name}: expected at least {LEAST_TOKEN} characters with {option}, got {len(value)}; {advice}"
-            )
-    if read_token is not None and read_token == token:
-        raise BadInput(f"{TOKEN_READ}: expected another token than {TOKEN}")
-    if read_token is not None and token is None:
-        raise BadInput(f"{TOKEN_READ}: expected {TOKEN} beside it, the token that may upload; {advice}")
-    return token, read_token
+    if token is not None and not (token.isascii() and token.isprintable() and " " not in token):
+        raise BadInput(f"{TOKEN}: expected ASCII characters without spaces")
+    if token is not None and is_public and len(token) < LEAST_TOKEN:
+        raise BadInput(f"{TOKEN}: expected at least {LEAST_TOKEN} characters with {option}, got {len(token)}; {advice}")
+    return token
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -151,7 +127,10 @@ def listen(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     both = family is socket.AF_INET6 and socket.has_dualstack_ipv6()
     try:
-        return socket.create_server((host, port), family=family, backlog=256, dualstack_ipv6=both)
+        listening = socket.create_server((host, port), family=family, backlog=256, dualstack_ipv6=both)
     except OSError as error:
         reason = (error.strerror or str(error)).partition(" (while")[0]
         raise BadInput(f"{host}:{port}: cannot listen: {reason}; choose another port with --port") from None
+    # For the connections, too: else the kernel keeps the body of an answer back until the client confirms its header.
+    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listening

@@ -1,1 +1,1 @@
-"""The dashboard: running suites, results and schedules as web pages. Read-only except for uploads."""
+"""The dashboard: running suites, results and schedules as web pages, which only read."""

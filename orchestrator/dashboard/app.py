@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from typing import cast
 
+import uvicorn
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 
-from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs, upload
+from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs
 from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
-from robogauntlet.orchestrator.dashboard.bodies import BodyDeadline
-from robogauntlet.orchestrator.dashboard.security import SecurityMiddleware, line
+from robogauntlet.orchestrator.dashboard.security import Guard, line
 from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.run_history import History
 
+CONNECTIONS = 500
+"""Most connections at a time; more are answered with 503."""
 PLAIN_TEXT_PATHS = ("/metrics", "/healthz")
 
 
@@ -38,23 +39,25 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan, redirect_slashes=False)
     app.state.app_state = app_state
-    for module in (pages, runs, compare, failures, files, login, metrics, upload):
+    for module in (pages, runs, compare, failures, files, login, metrics):
         app.include_router(module.router)
     for kind in (StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
+    return Guard(app, host=settings.host, public_host=settings.public_host, token=settings.token)
 
-    async def answering(scope: Scope, receive: Receive, send: Send) -> None:
-        try:
-            await app(scope, receive, send)
-        except asyncio.CancelledError:  # the server stops and waits no longer
-            if scope["type"] != "http":
-                raise
-            with suppress(RuntimeError):  # the answer has begun
-                await line("The server was stopped.", 503)(scope, receive, send)
 
-    return BodyDeadline(
-        SecurityMiddleware(answering, host=settings.host, public=settings.public, access=app_state.access),
-        settings.body_grace_s,
+def server_of(app: ASGIApp) -> uvicorn.Server:
+    """Return the server of the dashboard."""
+    return uvicorn.Server(
+        uvicorn.Config(
+            app,
+            limit_concurrency=CONNECTIONS,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            ws="none",
+            timeout_graceful_shutdown=3,
+        )
     )
 
 

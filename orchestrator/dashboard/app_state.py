@@ -1,4 +1,4 @@
-"""State that all pages share: the open stores, the templates and the caches."""
+"""State that all pages share: the open stores, the templates and the cache."""
 
 from __future__ import annotations
 
@@ -6,48 +6,40 @@ import hashlib
 import logging
 import threading
 import time
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ParamSpec, TypeVar
 from urllib.parse import urlencode
 
-from anyio import CapacityLimiter
+from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, HTTPException, Request
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
-from robogauntlet.orchestrator.dashboard.access import Access
-from robogauntlet.orchestrator.dashboard.answers import WAITING, AnswerCache, SlowWork
-from robogauntlet.orchestrator.dashboard.bodies import GRACE_S
-from robogauntlet.orchestrator.dashboard.origins import Origin
-from robogauntlet.orchestrator.dashboard.upload_places import UploadPlaces, size_of
+from robogauntlet.orchestrator.dashboard.answers import Answers
 from robogauntlet.orchestrator.schedules.server import why_unserved
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
-from robogauntlet.results.analysis.comparison import Comparison
-from robogauntlet.results.analysis.leaderboard import LeaderboardRow
-from robogauntlet.results.analysis.pairwise import PairwiseComparisons
-from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
 from robogauntlet.results.report.templates import template_environment
-from robogauntlet.results.store.arriving import remove_abandoned
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
 
 SYNC_S = 30.0
 """Interval at which run folders that the history does not list are imported (s)."""
-LIVE_S = 0.5
-"""Lifetime of the cached live status (s); it limits the load of the database, however many browsers watch."""
 NAMES_S = 15.0
 """Lifetime of the cached lists of names (s)."""
 UNSERVED_S = 5.0
 """Lifetime of the cached answer whether the schedules are served (s)."""
-LONGEST_TEXT = 10_000
-"""Largest length of a name or a message on a page (characters); longer ones are cut."""
+CACHED = 4096
+"""Answers that are kept: comparisons, leaderboards, videos and kinds of failures of a run."""
+SLOW_PAGES = 2
+"""Slow pages that are computed at a time, since they need memory; others wait without holding up the rest."""
+P = ParamSpec("P")
+V = TypeVar("V")
 log = logging.getLogger("robogauntlet.dashboard")
 FOLDER = Path(__file__).parent
 FILES = {
@@ -56,6 +48,7 @@ FILES = {
     "live.js": FOLDER / "static" / "live.js",
 }
 """Style sheets and the script; they need no token, since they are the same in every installation."""
+TITLES = {400: "Bad request", 404: "Not found", 500: "Internal error", 503: "Unavailable"}
 
 
 @dataclass(frozen=True)
@@ -63,20 +56,14 @@ class Settings:
     """Settings of the dashboard."""
 
     root: Path
-    """Folder of the run folders, which is scanned for new runs and receives uploads."""
+    """Folder of the run folders, which is scanned for new runs."""
     host: str = "127.0.0.1"
     token: str | None = field(default=None, repr=False)
     """Token that every request must carry; None, for loopback addresses only, if none is needed."""
-    read_token: str | None = field(default=None, repr=False)
-    """A second token, for requests that only read."""
-    public: Origin | None = None
-    """Origin of the pages in browsers, if a proxy is in front of the dashboard."""
-    max_upload: int = 256 * 1024 * 1024
-    """Largest size of an uploaded run (bytes)."""
-    max_uploads: int = 20_000_000_000
-    """Largest size of all uploaded runs together (bytes)."""
-    body_grace_s: float = GRACE_S
-    """Time that every body of a request may take (s)."""
+    public_host: str | None = None
+    """Name by which browsers call the dashboard, if a proxy is in front of it."""
+    is_https: bool = False
+    """Whether the proxy speaks TLS, so that cookies are sent over TLS only."""
 
 
 @dataclass(frozen=True)
@@ -94,38 +81,28 @@ class AppState:
     def __init__(self, history: History, schedule_store: ScheduleStore, settings: Settings) -> None:
         """Serve a history and the schedules in the same database."""
         self.history, self.schedule_store, self.settings = history, schedule_store, settings
-        self.access = Access(settings.token, settings.read_token)
-        self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64)
-        self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64)
-        self.standings: AnswerCache[str, tuple[Hashable, tuple[list[LeaderboardRow], list[str]]]] = AnswerCache(32)
-        self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
-        self.failure_kinds: AnswerCache[tuple[Any, ...], Mapping[FailureKind, int]] = AnswerCache(2048)
-        self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
-        self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
-        self._unserved: AnswerCache[str, str] = AnswerCache(1, UNSERVED_S)
-        self.slow, self.leaderboards, self.browsing = SlowWork(1, WAITING), SlowWork(1, WAITING), SlowWork(4, 20)
-        """Comparisons; leaderboards; and pages that read the rows of many runs."""
-        self.uploads = UploadPlaces(settings.max_uploads, self._size_of_uploads)
-        self.imports, self.reports, self.checks = CapacityLimiter(1), CapacityLimiter(1), CapacityLimiter(2)
-        """Threads that import uploaded runs, that write their reports, and that check health."""
-        self.import_lock = threading.Lock()
-        """Held while runs are written under the root or imported from it."""
+        self.answers, self._slow = Answers(CACHED), CapacityLimiter(SLOW_PAGES)
         self._stopped = threading.Event()
         self._named: set[str] = set()
         """Lines about runs that cannot be recorded, each logged once."""
-        self._templates = template_environment(FOLDER / "templates", page.FOLDER, longest=LONGEST_TEXT)
+        self._templates = template_environment(FOLDER / "templates", page.FOLDER)
         self._templates.globals.update(
             text=formatting, views=live_view, when=when, verdict_text=verdict_text, query=query, asset=asset_address
         )
 
     def page(self, template: str, *, status: int = 200, **values: Any) -> Response:
         """Render a page."""
-        values = {"here": "", "now": time.time(), "has_token": bool(self.access.tokens), **values}
-        return HTMLResponse(self._templates.get_template(template).render(values), status)
+        return HTMLResponse(
+            self._templates.get_template(template).render({"here": "", "now": time.time()} | values), status
+        )
 
     def error_page(self, message: str, status: int) -> Response:
         """Render a page with an error message."""
         return self.page("error.html.jinja", status=status, title=TITLES.get(status, "Error"), message=message)
+
+    async def slowly(self, answer: Callable[P, V], *arguments: P.args, **named: P.kwargs) -> V:
+        """Compute a slow page in one of the threads that are kept for these."""
+        return await to_thread.run_sync(lambda: answer(*arguments, **named), limiter=self._slow)
 
     def run_named(self, name: str) -> RunEntry:
         """Return the run of that id or name. Raises HTTPException if there is none, StoreError."""
@@ -136,19 +113,15 @@ class AppState:
 
     def choices(self) -> Names:
         """Return the names for filters, at most `NAMES_S` old. Raises StoreError."""
-        return self.names.get("all", self._read_names)
+        return self.answers.get("names", self._read_names, NAMES_S)
 
     def unserved(self) -> str:
         """A line if no process serves the schedules, or nothing. Raises StoreError."""
         places = self.schedule_store, self.settings.root
-        return self._unserved.get("", lambda: why_unserved(*places, time.time()) or "")
+        return self.answers.get("unserved", lambda: why_unserved(*places, time.time()) or "", UNSERVED_S)
 
     def _read_names(self) -> Names:
-        lists = (self.history.suites(), queries.statuses(self.history), self.history.policies())
-        return Names(*(list(islice(names, queries.MOST_NAMES)) for names in lists))
-
-    def _size_of_uploads(self) -> int:
-        return sum(size_of(Path(folder)) for folder in queries.imported_folders(self.history))
+        return Names(list(self.history.suites()), list(queries.statuses(self.history)), self.history.policies())
 
     def begin(self) -> None:
         """Import new run folders every `SYNC_S`, until `end`."""
@@ -167,17 +140,12 @@ class AppState:
     def _import_runs(self) -> None:
         while True:
             try:
-                with self.import_lock:
-                    if self.settings.root.is_dir():
-                        remove_abandoned(self.settings.root)
-                        record_run_folders(self.history, self.settings.root, self._name_once)
+                if self.settings.root.is_dir():
+                    record_run_folders(self.history, self.settings.root, self._name_once)
             except Exception as error:  # one broken run must not end the import of the others
                 log.warning("runs under %s were not imported: %s", self.settings.root, error)
             if self._stopped.wait(SYNC_S):
                 return
-
-
-TITLES = {400: "Bad request", 404: "Not found", 413: "Too large", 500: "Internal error", 503: "Unavailable"}
 
 
 def query(**values: object) -> str:

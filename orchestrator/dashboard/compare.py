@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from fastapi import APIRouter, HTTPException
-from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -22,91 +20,66 @@ from robogauntlet.results.store.history_records import RunEntry
 
 RECENT = 60
 """Number of runs to choose from, the newest."""
-MOST_LINES = 2000
-"""Largest number of lines, a task of a comparison each, of the page."""
 LEAST_MARGIN, LARGEST_MARGIN = 0.0001, 0.9999
 """Range of a margin, as of `robogauntlet compare --margin` (a share)."""
 router = APIRouter()
 
 
 @dataclass(frozen=True)
-class ChosenPolicy:
-    """A policy of a run that was chosen on the page."""
+class Side:
+    """A run, or a policy of it, that was chosen on the page."""
 
     entry: RunEntry
     policy: str
+    """Empty for the run."""
 
     @property
     def value(self) -> str:
         """The choice in the address."""
-        return f"{self.entry.run_id}:{self.policy}"
+        return f"{self.entry.run_id}:{self.policy}" if self.policy else self.entry.run_id
 
 
 @router.get("/compare")
-async def show_comparison(
-    app_state: CurrentAppState,
-    first: str = "",
-    second: str = "",
-    policies: str = "",
-    run: str = "",
-    baseline: str = "",
-    margin: str = "",
-) -> Response:
-    """Compare `first` with `second` (ID:POLICY each), the `policies` of a run, or a `run` with a `baseline`.
+async def show_comparison(app_state: CurrentAppState, first: str = "", second: str = "", margin: str = "") -> Response:
+    """Compare two policies (ID:POLICY each), the policies of the run `first` (ID), or it with the run `second`.
 
     `margin` is the decrease of success that still counts as no worse, a share. Each comparison is computed at its
     first request.
     """
+    return await app_state.slowly(_show, app_state, first, second, margin)
+
+
+def _show(app_state: AppState, first: str, second: str, margin: str) -> Response:
     share = _margin(margin)
-    chosen = await run_in_threadpool(lambda: [_chosen(app_state, text) for text in (first, second)])
-    entries = await run_in_threadpool(
-        lambda: [app_state.run_named(name) if name else None for name in (policies, run, baseline)]
-    )
-    pairwise: PairwiseComparisons | None = None
-    comparison: Comparison | None = None
+    sides = [_side(app_state, text) for text in (first, second) if text]
+    found: PairwiseComparisons | Comparison | None = None
     problem = ""
     try:
-        if chosen[0] is not None and chosen[1] is not None:
-            pairwise = await _compare_policies(app_state, chosen[0], chosen[1], share)
-        elif entries[0] is not None:
-            pairwise = await _compare_all(app_state, entries[0], share)
-        elif entries[1] is not None and entries[2] is not None:
-            comparison = await _compare_runs(app_state, entries[1], entries[2], share)
+        found = _compare(app_state, sides, share) if sides else None
     except RunError as error:
         problem = str(error)
-    compared = pairwise.comparisons if pairwise else comparison.policies if comparison else ()
-    if (lines := sum(len(one.tasks) for one in compared)) > MOST_LINES:
-        problem = (
-            f"The comparison has {lines:,} lines, too many for this page; robogauntlet compare prints all of them."
-        )
-        pairwise = comparison = None
-    values = {
-        "here": "/compare",
-        "chosen": chosen,
-        "entries": entries,
-        "pairwise": pairwise,
-        "words": words,
-        "comparison": comparison,
-        "report": report,
-        "problem": problem,
-        "margin": share,
-        "margins": (LEAST_MARGIN, LARGEST_MARGIN),
-    }
-    return await run_in_threadpool(_page, app_state, [one.entry for one in chosen if one], values)
-
-
-def _page(app_state: AppState, chosen: list[RunEntry], values: dict[str, Any]) -> Response:
-    """The page, with the newest runs and those that were chosen in its lists."""
     recent = app_state.history.runs(limit=RECENT)
-    listed = list({entry.run_id: entry for entry in (*recent, *chosen)}.values())
-    policies = queries.policies_of_runs(app_state.history, [entry.run_id for entry in listed])
-    return app_state.page("compare.html.jinja", recent=recent, listed=listed, policies=policies, **values)
+    listed = list({entry.run_id: entry for entry in (*recent, *(side.entry for side in sides))}.values())
+    return app_state.page(
+        "compare.html.jinja",
+        here="/compare",
+        sides=(*sides, None, None)[:2],
+        pairwise=found if isinstance(found, PairwiseComparisons) else None,
+        comparison=found if isinstance(found, Comparison) else None,
+        problem=problem,
+        listed=listed,
+        policies=queries.policies_of_runs(app_state.history, [entry.run_id for entry in listed]),
+        words=words,
+        report=report,
+        margin=share,
+        margins=(LEAST_MARGIN, LARGEST_MARGIN),
+    )
 
 
-def _chosen(app_state: AppState, text: str) -> ChosenPolicy | None:
-    """Return the choice of `ID:POLICY`. Raises HTTPException if there is no such run, StoreError."""
+def _side(app_state: AppState, text: str) -> Side:
+    """Return the choice of `ID` or `ID:POLICY`. Raises HTTPException if there is no such run, StoreError."""
     run_id, _, policy = text.partition(":")
-    return ChosenPolicy(app_state.run_named(run_id), policy) if run_id else None
+    return Side(app_state.run_named(run_id), policy)
 
 
 def _margin(text: str) -> float | None:
@@ -124,32 +97,20 @@ def _margin(text: str) -> float | None:
     return share
 
 
-def _key(margin: float | None, *parts: RunEntry | str) -> tuple[object, ...]:
-    """A key that changes when one of the runs does."""
-    return margin, *(p if isinstance(p, str) else (p.run_id, p.status, p.finished_at, p.counts) for p in parts)
+def _compare(app_state: AppState, sides: list[Side], margin: float | None) -> PairwiseComparisons | Comparison:
+    """Compare what was chosen, from the cache if the runs have not changed. Raises RunError, StoreError."""
+    entries = [side.entry for side in sides]
 
+    def compute() -> PairwiseComparisons | Comparison:
+        one, *rest = (open_entry(app_state.history, entry) for entry in {e.run_id: e for e in entries}.values())
+        match [side.policy for side in sides]:
+            case [""]:
+                return one.compare(margin=margin)
+            case ["", ""] if rest:
+                return compare(one, rest[0], margin=margin)
+            case [first, second] if first and second:
+                return one.compare(first, second, other=rest[0] if rest else None, margin=margin)
+        raise RunError("expected two policies, two runs, or one run, whose policies are compared with each other")
 
-async def _compare_policies(
-    app_state: AppState, one: ChosenPolicy, other: ChosenPolicy, margin: float | None
-) -> PairwiseComparisons:
-    def compute() -> PairwiseComparisons:
-        opened = open_entry(app_state.history, one.entry)
-        beside = None if one.entry.run_id == other.entry.run_id else open_entry(app_state.history, other.entry)
-        return opened.compare(one.policy, other.policy, other=beside, margin=margin)
-
-    key = _key(margin, one.entry, one.policy, other.entry, other.policy)
-    return await app_state.slow.answer(app_state.pairwise, key, compute)
-
-
-async def _compare_all(app_state: AppState, entry: RunEntry, margin: float | None) -> PairwiseComparisons:
-    def compute() -> PairwiseComparisons:
-        return open_entry(app_state.history, entry).compare(margin=margin)
-
-    return await app_state.slow.answer(app_state.pairwise, _key(margin, entry), compute)
-
-
-async def _compare_runs(app_state: AppState, run: RunEntry, baseline: RunEntry, margin: float | None) -> Comparison:
-    def compute() -> Comparison:
-        return compare(open_entry(app_state.history, run), open_entry(app_state.history, baseline), margin=margin)
-
-    return await app_state.slow.answer(app_state.comparisons, _key(margin, run, baseline), compute)
+    states = [(entry.status, entry.finished_at, entry.counts) for entry in entries]
+    return app_state.answers.get(("compare", margin, *(side.value for side in sides), *states), compute)

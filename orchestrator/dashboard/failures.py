@@ -11,7 +11,6 @@ from urllib.parse import quote
 
 import sqlalchemy as sa
 from fastapi import APIRouter, Query
-from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -33,7 +32,7 @@ router = APIRouter()
 
 
 @router.get("/failures")
-async def failures(
+def failures(
     app_state: CurrentAppState,
     run: str = "",
     policy: str = "",
@@ -42,11 +41,8 @@ async def failures(
     page: Annotated[int, Query(ge=1, le=10_000)] = 1,
 ) -> Response:
     """List videos of failures, the newest runs first."""
-    key = ("failures", run, policy, task, kind, page)
-    shown = await app_state.browsing.run(key, lambda: _shown(app_state, run, policy, task, kind, page))
-    tasks = await run_in_threadpool(queries.tasks, app_state.history, policy or None)
-    return await run_in_threadpool(
-        app_state.page,
+    shown = _shown(app_state, run, policy, task, kind, page)
+    return app_state.page(
         "failures.html.jinja",
         here="/failures",
         videos=shown[:PAGE],
@@ -55,8 +51,8 @@ async def failures(
         searched=RUNS,
         wanted={"run": run, "policy": policy, "task": task, "kind": kind},
         kinds=list(FailureKind),
-        names=await run_in_threadpool(app_state.choices),
-        tasks=tasks,
+        names=app_state.choices(),
+        tasks=queries.tasks(app_state.history, policy or None),
     )
 
 
@@ -79,8 +75,8 @@ def failure_videos(app_state: AppState, entry: RunEntry) -> tuple[dict[str, Any]
         return ()
     folder = Path(entry.folder)
     try:
-        key = (entry.run_id, videos_folder(folder).stat().st_mtime_ns, entry.counts.done)
-        return app_state.failure_videos.get(key, lambda: tuple(_read_videos(app_state, entry, folder)))
+        key = ("videos", entry.run_id, videos_folder(folder).stat().st_mtime_ns, entry.counts.done)
+        return app_state.answers.get(key, lambda: tuple(_read_videos(app_state, entry, folder)))
     except (RunError, StoreError, OSError):
         return ()
 

@@ -8,9 +8,8 @@ from urllib.parse import parse_qs
 from fastapi import APIRouter, HTTPException, Request
 from starlette.responses import RedirectResponse, Response
 
-from robogauntlet.orchestrator.dashboard.access import SESSION_S
 from robogauntlet.orchestrator.dashboard.app_state import FILES, CurrentAppState
-from robogauntlet.orchestrator.dashboard.security import COOKIE, wrong_token
+from robogauntlet.orchestrator.dashboard.security import COOKIE, cookie_of, is_same, log_wrong_token
 
 FORM_BYTES = 8192
 TYPES = {"report.css": "text/css", "dashboard.css": "text/css", "live.js": "text/javascript"}
@@ -18,45 +17,33 @@ router = APIRouter()
 
 
 @router.get("/login")
-async def form(app_state: CurrentAppState, next: str = "/") -> Response:
+def form(app_state: CurrentAppState, next: str = "/") -> Response:
     """Show the login form."""
-    if not app_state.access.tokens:
+    if app_state.settings.token is None:
         return RedirectResponse("/", 303)
     return app_state.page("login.html.jinja", next=_local(next), wrong=False)
 
 
 @router.post("/login")
 async def login(app_state: CurrentAppState, request: Request) -> Response:
-    """Start a session if the token is correct."""
+    """Give the browser its cookie if the token is right. Nothing changes here."""
     body = b""
     async for chunk in request.stream():
         body += chunk
         if len(body) > FORM_BYTES:
             raise HTTPException(413, f"expected a form of at most {FORM_BYTES} bytes")
-    fields = parse_qs(body.decode("utf-8", "replace"))
-    shown, target = fields.get("token", [""])[0].strip(), _local(fields.get("next", ["/"])[0])
-    right = app_state.access.tokens.right_of(shown)
-    if right is None:
-        refusal = wrong_token(app_state.access, request)
-        return refusal or app_state.page("login.html.jinja", status=401, next=target, wrong=True)
-    public = app_state.settings.public
-    answer, is_secure = RedirectResponse(target, 303), "https" in (request.url.scheme, public and public.scheme)
-    cookie, age_s = app_state.access.sessions.begin(right), int(SESSION_S)
-    answer.set_cookie(COOKIE, cookie, max_age=age_s, httponly=True, samesite="strict", secure=is_secure)
-    return answer
-
-
-@router.post("/logout")
-async def logout(app_state: CurrentAppState, request: Request) -> Response:
-    """End the session."""
-    app_state.access.sessions.end(request.cookies.get(COOKIE, ""))
-    answer = RedirectResponse("/login", 303)
-    answer.delete_cookie(COOKIE, httponly=True, samesite="strict")
+    fields, token = parse_qs(body.decode("utf-8", "replace")), app_state.settings.token
+    target = _local(fields.get("next", ["/"])[0])
+    if token is None or not is_same(fields.get("token", [""])[0].strip(), token):
+        log_wrong_token(request)
+        return app_state.page("login.html.jinja", status=401, next=target, wrong=True)
+    answer, is_secure = RedirectResponse(target, 303), app_state.settings.is_https or request.url.scheme == "https"
+    answer.set_cookie(COOKIE, cookie_of(token), httponly=True, samesite="strict", secure=is_secure)
     return answer
 
 
 @router.get("/static/{name}")
-async def static(name: str) -> Response:
+def static(name: str) -> Response:
     """Serve a style sheet or the script."""
     if name not in FILES:
         raise HTTPException(404, "No such file.")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from fastapi import APIRouter
-from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -20,7 +19,7 @@ from robogauntlet.results.analysis.leaderboard import LeaderboardRow, latest_res
 from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report.history_plot import kind_history_table, new_kinds, plot
 from robogauntlet.results.store.failure_history import kinds_by_run, kinds_in_run
-from robogauntlet.results.store.history_records import PolicyRunResult, RunEntry
+from robogauntlet.results.store.history_records import PolicyRunResult
 
 LAST_VERDICTS = 6
 LAST_SCHEDULED_RUNS = 50
@@ -61,7 +60,7 @@ def overview(app_state: CurrentAppState) -> Response:
 
 def _kinds(app_state: AppState, task: str, result: PolicyRunResult) -> Mapping[FailureKind, int]:
     key = (result.run.run_id, result.policy_digest, task, result.run.counts.done)
-    return app_state.failure_kinds.get(key, lambda: kinds_in_run(result, app_state.history.url, task or None))
+    return app_state.answers.get(("kinds", *key), lambda: kinds_in_run(result, app_state.history.url, task or None))
 
 
 @router.get("/history")
@@ -90,27 +89,22 @@ def history(app_state: CurrentAppState, policy: str = "", suite: str = "", task:
 @router.get("/leaderboard")
 async def show_leaderboard(app_state: CurrentAppState, suite: str = "") -> Response:
     """Compare the policies of a suite by their newest complete runs."""
-    names = await run_in_threadpool(app_state.choices)
+    return await app_state.slowly(_leaderboard, app_state, suite)
+
+
+def _leaderboard(app_state: AppState, suite: str) -> Response:
+    names = app_state.choices()
     suite = suite or (names.suites[0] if len(names.suites) == 1 else "")
-    standings: list[LeaderboardRow] = []
-    left_out: list[str] = []
-    newest: list[tuple[RunEntry, dict[str, str]]] = []
-    is_newest = True
-    if suite:
-        newest = await run_in_threadpool(app_state.history.newest_runs, suite)
-        version = tuple((entry.run_id, entry.finished_at, tuple(sorted(policies))) for entry, policies in newest)
-        (standings, left_out), is_newest = await app_state.leaderboards.latest(
-            app_state.standings, suite, version, lambda: _standings(app_state, suite)
-        )
-    return await run_in_threadpool(
-        app_state.page,
+    newest = app_state.history.newest_runs(suite) if suite else []
+    version = tuple((entry.run_id, entry.finished_at, tuple(sorted(policies))) for entry, policies in newest)
+    standings, left_out = app_state.answers.get(("leaderboard", suite, version), lambda: _standings(app_state, suite))
+    return app_state.page(
         "leaderboard.html.jinja",
         here="/leaderboard",
         suite=suite,
         names=names,
         standings=standings,
         left_out=left_out,
-        is_newest=is_newest,
         runs={entry.name: entry.run_id for entry, _ in newest},
     )
 
@@ -130,6 +124,8 @@ def schedule(app_state: CurrentAppState) -> Response:
 
 def _standings(app_state: AppState, suite: str) -> tuple[list[LeaderboardRow], list[str]]:
     left_out: list[str] = []
+    if not suite:
+        return [], []
     played = list(latest_results_per_policy(app_state.history, suite, left_out.append))
     return leaderboard(played) if played else [], left_out
 

@@ -10,14 +10,10 @@ import sqlalchemy as sa
 
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
-from robogauntlet.results.store.schema import cells, imported_runs, runs
+from robogauntlet.results.store.schema import cells, runs
 
 RECENT = 50
 """Number of runs, the newest, in which the tasks of a policy are searched."""
-MOST_NAMES = 1000
-"""Largest number of names that a list on a page offers; further ones can be written into the address."""
-MOST_POLICIES = 100
-"""Largest number of policies of a run that a list on a page offers."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +53,6 @@ def run_of(history: History, run_id: str) -> RunEntry | None:
     return entries[0] if entries else None
 
 
-def count_cells(history: History, run_id: str) -> int:
-    """Return the number of cells of a run. Raises StoreError."""
-    with history.database.reading() as connection:
-        return int(connection.scalar(sa.select(sa.func.count()).where(cells.c.run_id == run_id)) or 0)
-
-
 def statuses(history: History) -> dict[str, int]:
     """Return the number of runs of each status. Raises StoreError."""
     query = sa.select(runs.c.status, sa.func.count()).where(runs.c.status.is_not(None)).group_by(runs.c.status)
@@ -91,31 +81,19 @@ def tasks(history: History, policy: str | None = None, suite: str | None = None)
     """Return the tasks of the newest runs, or of those with a policy or of a suite. Raises StoreError."""
     newest = Filter(suite=suite, policy=policy).of(sa.select(runs.c.run_id))
     newest = newest.order_by(runs.c.started_at.desc()).limit(RECENT)
-    query = (
-        sa.select(cells.c.task).distinct().where(cells.c.run_id.in_(newest)).order_by(cells.c.task).limit(MOST_NAMES)
-    )
+    query = sa.select(cells.c.task).distinct().where(cells.c.run_id.in_(newest)).order_by(cells.c.task)
     with history.database.reading() as connection:
         return list(connection.scalars(query))
 
 
 def policies_of_runs(history: History, run_ids: Sequence[str]) -> dict[str, list[str]]:
-    """Return the policies of each of these runs, the first `MOST_POLICIES` by name. Raises StoreError."""
-    known = sa.select(cells.c.run_id, cells.c.policy).distinct().where(cells.c.run_id.in_(run_ids)).subquery()
-    place = sa.func.row_number().over(partition_by=known.c.run_id, order_by=known.c.policy).label("place")
-    placed = sa.select(known, place).subquery()
-    query = sa.select(placed.c.run_id, placed.c.policy).where(placed.c.place <= MOST_POLICIES)
+    """Return the policies of each of these runs, by name. Raises StoreError."""
+    query = sa.select(cells.c.run_id, cells.c.policy).distinct().where(cells.c.run_id.in_(run_ids))
     found: dict[str, list[str]] = {}
     with history.database.reading() as connection:
-        for run_id, policy in connection.execute(query.order_by(placed.c.policy)):
+        for run_id, policy in connection.execute(query.order_by(cells.c.policy)):
             found.setdefault(run_id, []).append(policy)
     return found
-
-
-def imported_folders(history: History) -> list[str]:
-    """Return the folders of imported runs. Raises StoreError."""
-    query = sa.select(runs.c.folder).where(runs.c.run_id.in_(sa.select(imported_runs.c.run_id)))
-    with history.database.reading() as connection:
-        return list(connection.scalars(query.where(runs.c.folder.is_not(None))))
 
 
 def check_readable(history: History) -> None:

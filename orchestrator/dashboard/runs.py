@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, HTTPException, Query
-from markupsafe import Markup, escape
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -21,16 +20,11 @@ from robogauntlet.results.report.facts import provenance
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.store.history_records import CellCounts, Counts, RunEntry
 from robogauntlet.suites.episode import CLEAN
-from robogauntlet.support.text import visible
 
 PAGE = 50
 """Runs per page."""
-MOST_CELLS = 20_000
-"""Largest number of cells of a run that its page sums up."""
-MOST_ROWS = 500
-"""Largest number of rows of a table on the page of a run; its files have all of them."""
-LONGEST_SUITE = 100_000
-"""Largest length of the suite's text on the page of a run (characters)."""
+LIVE_S = 0.5
+"""Lifetime of the cached live status (s); it limits the load of the database, however many browsers watch."""
 REPORTS = (
     ("report.html", "Report"),
     ("report.md", "as text"),
@@ -81,8 +75,7 @@ def show_run(app_state: CurrentAppState, run_id: str) -> Response:
     entry = queries.run_of(app_state.history, run_id)
     if entry is None:
         raise HTTPException(404, "The history has no run with this id.")
-    number = queries.count_cells(app_state.history, run_id)
-    cells = app_state.history.cells(run_id) if number <= MOST_CELLS else []
+    cells = app_state.history.cells(run_id)
     document = app_state.history.document(run_id)
     live = [live_view(entry, time.time())] if entry.status == "running" else []
     return app_state.page(
@@ -93,11 +86,6 @@ def show_run(app_state: CurrentAppState, run_id: str) -> Response:
         facts=_facts(entry, document),
         simulators=_sum_counts(cells, lambda cell: (cell.simulator, None)),
         tasks=_sum_counts(cells, lambda cell: (cell.simulator, cell.task)),
-        left_out=0 if cells else number,
-        most=MOST_ROWS,
-        suite_text=Markup(escape(visible(document.suite_text[:LONGEST_SUITE], "\n\r\t"))),  # not cut as names are
-        suite_length=len(document.suite_text),
-        most_characters=LONGEST_SUITE,
         baseline=None if entry.baseline is None else queries.run_of(app_state.history, entry.baseline),
         reports=[(file, label) for file, label in REPORTS if entry.folder and known_file(Path(entry.folder), file)],
         several=len({cell.policy for cell in cells}) > 1,
@@ -110,7 +98,8 @@ def show_run(app_state: CurrentAppState, run_id: str) -> Response:
 @router.get("/api/live")
 def live(app_state: CurrentAppState, run: str = "") -> Response:
     """Return the live status of all running suites, or of one run, as JSON."""
-    return Response(app_state.live_status.get(run, lambda: _live(app_state, run)), media_type="application/json")
+    found = app_state.answers.get(("live", run), lambda: _live(app_state, run), LIVE_S)
+    return Response(found, media_type="application/json")
 
 
 def _live(app_state: AppState, run: str) -> bytes:

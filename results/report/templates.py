@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-def template_environment(*folders: Path, longest: int | None = None) -> Environment:
+def template_environment(*folders: Path) -> Environment:
     """Return an environment for the templates in these folders.
 
-    Values are escaped, and their unprintable characters except line breaks are shown as escapes; of texts with more
-    than `longest` characters only the start is shown, with their length. An undefined name is an error.
+    Values are escaped, and their unprintable characters except line breaks are shown as escapes. An undefined name is
+    an error.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -29,7 +29,7 @@ def template_environment(*folders: Path, longest: int | None = None) -> Environm
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=partial(_finalize, longest),
+        finalize=_finalize,
     )
 
 
@@ -54,9 +54,5 @@ def table_script() -> Script:
     return Script(text, f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'")
 
 
-def _finalize(longest: int | None, value: Any) -> Any:
-    if type(value) is not str:  # Markup is escaped already
-        return value
-    if longest is not None and len(value) > longest:
-        value = f"{value[:longest]}... ({len(value):,} characters)"
-    return visible(value, "\n\r\t")
+def _finalize(value: Any) -> Any:
+    return visible(value, "\n\r\t") if type(value) is str else value  # Markup is escaped already

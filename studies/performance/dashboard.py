@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import statistics
+import subprocess
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 from studies.shared import table_of
-from tests.orchestrator.dashboard.crowd import BEARER, served_by_process
+from tests.processes import GAUNTLET
 
 RUNS, ROUNDS, DAY = 10_000, 21, 86_400.0
 POLICIES, SUITES = ("experts", "merged", "merged-instruction-hidden"), ("nightly", "screening", "smoke")
@@ -25,9 +26,15 @@ def measure() -> list[dict[str, object]]:
         start = time.perf_counter()
         newest = _fill(root)
         print(f"{RUNS:,} runs stored in {time.perf_counter() - start:.0f} s", flush=True)
-        with served_by_process(root) as server:
-            client = httpx2.Client(base_url=server.address, headers=BEARER, trust_env=False)
+        command = [*GAUNTLET, "serve", "--port", "0", "--history", f"sqlite:///{root / 'history.sqlite'}"]
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root)
+        try:
+            assert server.stdout is not None
+            client = httpx2.Client(base_url=server.stdout.readline().split()[1], trust_env=False)
             rows = [_page(client, path) for path in _paths(newest)]
+        finally:
+            server.terminate()
+            server.wait(30)
     columns = {
         "page": "`{name}`",
         "median, ms": "{median_ms:.0f}",
@@ -44,7 +51,7 @@ def _paths(newest: str) -> tuple[str, ...]:
         *("/", "/api/live", "/runs", f"/runs?page={last // 2}", f"/runs?page={last}", "/runs?status=stopped"),
         *("/runs?suite=nightly&status=complete&policy=merged", f"/runs?policy=merged&page={last}", f"/runs/{newest}"),
         *("/history?policy=merged", "/history?policy=merged&suite=smoke&task=robosuite/Task2"),
-        *("/leaderboard?suite=nightly", f"/compare?run={newest}", "/failures", "/schedule", "/metrics", "/healthz"),
+        *("/leaderboard?suite=nightly", f"/compare?first={newest}", "/failures", "/schedule", "/metrics", "/healthz"),
     )
 
 

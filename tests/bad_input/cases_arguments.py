@@ -15,7 +15,6 @@ WHOLE_NUMBERS = (
     ("history", "--limit", "0", None),
     ("export runs/monday --format lerobot-dataset", "--limit", "0", None),
     ("serve", "--port", "-1", "65536"),
-    ("serve", "--max-upload-mb", "0", None),
     ("schedule add n suite.yaml --cron @daily", "--seeds", "0", None),
     ("schedule add n suite.yaml --cron @daily", "--keep", "0", None),
     ("schedule serve", "--at-once", "0", None),
@@ -42,7 +41,6 @@ NUMBERS = (
     ("gate runs/tuesday", "--alpha", "-0.05", "1"),
     ("gate runs/tuesday", "--margin", "0", "1e3"),
     ("leaderboard synthetic", "--alpha", "0", "0.5"),
-    ("serve", "--max-uploads-gb", "-1", None),
     ("adapters check null", "--time-limit", "0", None),
     ("policies serve random", "--wait-ms", "-1", "1001"),
 )

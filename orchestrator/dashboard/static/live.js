@@ -94,7 +94,7 @@
       note("");
     } catch (error) {
       wait = RETRY_MS;
-      note(error.message === "401" ? "Your session has ended. Reload the page to log in." : "The server does not answer; the numbers are outdated.");
+      note(error.message === "401" ? "The token has changed. Reload the page to log in." : "The server does not answer; the numbers are outdated.");
     } finally {
       polling = false;
       clearTimeout(timer);

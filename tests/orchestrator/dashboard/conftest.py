@@ -1,17 +1,16 @@
 """A dashboard that is served on a free port from a real store."""
 
 import contextlib
+import logging
 import threading
 import time
 
 import httpx2
 import pytest
-import uvicorn
 
 from robogauntlet.orchestrator.cli.serve import listen
-from robogauntlet.orchestrator.dashboard.app import create_app
+from robogauntlet.orchestrator.dashboard.app import create_app, server_of
 from robogauntlet.orchestrator.dashboard.app_state import Settings
-from robogauntlet.orchestrator.dashboard.server import DeadlineProtocol, server_config
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
@@ -31,14 +30,14 @@ class Served:
         self.requested = []
 
     def get(self, path, **options):
-        return httpx2.get(self.address + path, **PLAIN, **options)
+        return httpx2.get(self.address + path, **(PLAIN | options))
 
     def post(self, path, **options):
-        return httpx2.post(self.address + path, **PLAIN, **options)
+        return httpx2.post(self.address + path, **(PLAIN | options))
 
 
 @contextlib.contextmanager
-def serving(root, before=None, url=None, protocol=DeadlineProtocol, **settings):
+def serving(root, before=None, url=None, **settings):
     """Serve the history under `root`, or that at a URL.
 
     `before(served, path)` is called in the server before each answer.
@@ -57,9 +56,8 @@ def serving(root, before=None, url=None, protocol=DeadlineProtocol, **settings):
                 before(served, scope["path"])
         await app(scope, receive, send)
 
-    config = server_config(noting, protocol=protocol)
-    config.log_level = "critical"
-    server = uvicorn.Server(config)
+    server = server_of(noting)
+    logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
     thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
     thread.start()
     while not server.started:

@@ -10,15 +10,12 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from robogauntlet.orchestrator.dashboard.queries import MOST_POLICIES
-from robogauntlet.orchestrator.dashboard.runs import MOST_CELLS
 from robogauntlet.results.api import compare, open_run
 from robogauntlet.results.live_status import LiveSimulator, LiveStatus, LiveWorker
 from robogauntlet.results.media_paths import picture_path, video_path
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.report.comparison import reasons
-from robogauntlet.results.run_document import MAX_COUNT, Provenance, RunStatus
-from robogauntlet.results.store.history_records import Counts
+from robogauntlet.results.run_document import Provenance, RunStatus
 from robogauntlet.results.store.run_history import History
 from robogauntlet.suites.episode import Cell, Protocol, content_hash
 from tests.results.synthetic import document, row, run_folder
@@ -29,8 +26,6 @@ POLICIES = ("experts", "merged", "merged-instruction-hidden")
 PROVENANCE = Provenance(
     git_commit="4f1c2a9", git_dirty=False, python="3.11.9", processor="x86_64", cores=8, packages={"robosuite": "1.5.2"}
 )
-MARKUP = "x'\"><script>alert(1)</script>[red][/]"
-HOSTILE_POLICIES = [f"{number:03}{MARKUP}\u202e{'p' * 400}" for number in range(MOST_POLICIES + 50)]
 
 
 def plan(version=1):
@@ -111,23 +106,6 @@ def live_status(done=120, *, at=None):
     )
     lines = ("maniskill: 2 workers", "robosuite/Door: worker robosuite-1 died (signal 9), its episodes go back")
     return LiveStatus(at=now, phase="playing", simulators=simulators, workers=workers, messages=lines)
-
-
-def record_hostile_runs(history: History, root: Path) -> None:
-    """Runs without rows that were made to break pages: `many` and `wide` by their cells, `long` by its suite's text."""
-
-    def record(run_id, policies, tasks, **changes):
-        of = [Cell(name, content_hash(name), task, Protocol(horizon=1)) for name in policies for task in tasks]
-        run = document(MAX_COUNT // len(of), of=of, run_id=run_id, **changes)
-        counts = {(cell.policy_digest, cell.task, "clean", 0): Counts(9, 5, 4) for cell in of}
-        history.record(run, root / run_id, counts)
-
-    record("many", ["p"], [f"null/{number}" for number in range(MOST_CELLS + 1)])
-    tasks = [f"null/{number}{MARKUP}\u202e{'t' * 400}" for number in range(20)]
-    record("wide", HOSTILE_POLICIES, tasks, started_at=2e9)
-    record("long", ["p"], ["null/t"], suite_text="# \u202e" * 1_000_000, started_at=0.0, finished_at=7e9)
-    for number in range(60):
-        record(f"small-{number}", ["p"], ["null/t"])
 
 
 def add_videos(folder: Path, run, results) -> None:

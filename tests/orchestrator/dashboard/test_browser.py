@@ -63,8 +63,8 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
             "/",
             "/runs/two",
             "/runs/running-1",
-            "/compare?run=one&baseline=two",
-            "/compare?policies=two",
+            "/compare?first=one&second=two",
+            "/compare?first=two",
             "/leaderboard?suite={}",
         )
         paths += ("/history?policy={}", "/runs?suite={}", "/failures?run=one&policy={}&task={}")
@@ -135,7 +135,7 @@ def test_old_numbers_are_marked_when_the_server_fails(tmp_path):
 
 PAGES = (
     *("/", "/runs", "/run", "/history?policy=merged", "/leaderboard?suite=nightly", "/failures", "/schedule"),
-    *("/compare", "/compare?policies={}", "/compare?first={}:experts&second={}:merged"),
+    *("/compare", "/compare?first={}", "/compare?first={}:experts&second={}:merged"),
 )
 
 

@@ -1,6 +1,7 @@
 """Access to the dashboard, and the files that it serves."""
 
 import http.client
+import logging
 import re
 import signal
 import socket
@@ -10,9 +11,12 @@ from urllib.parse import urlsplit
 import httpx2
 import pytest
 
+from robogauntlet.orchestrator.cli.serve import public_address
 from robogauntlet.orchestrator.dashboard.files import known_file
+from robogauntlet.orchestrator.dashboard.security import COOKIE, cookie_of
 from robogauntlet.results.report import write_report
-from tests.orchestrator.dashboard.conftest import serving
+from robogauntlet.support.errors import BadInput
+from tests.orchestrator.dashboard.conftest import PLAIN, serving
 from tests.orchestrator.dashboard.filled import nightly_run
 from tests.processes import GAUNTLET
 
@@ -23,6 +27,13 @@ SERVE = [*GAUNTLET, "serve"]
 @pytest.fixture(scope="module")
 def locked(tmp_path_factory):
     with serving(tmp_path_factory.mktemp("locked"), token=TOKEN, host="0.0.0.0") as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def public(tmp_path_factory):
+    root = tmp_path_factory.mktemp("public")
+    with serving(root, token=TOKEN, public_host="lab.example.org", is_https=True) as served:
         yield served
 
 
@@ -63,26 +74,45 @@ def test_a_wrong_token_opens_no_page(locked, shown):
     assert locked.get("/", headers={"authorization": shown.encode("latin-1")}).status_code == 401
 
 
-def test_the_login_starts_a_session_without_the_token_in_its_cookie(locked):
+def test_the_login_sets_a_cookie_without_the_token(locked):
     answer = locked.post("/login", data={"token": TOKEN, "next": "/runs"}, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, "/runs")
-    cookie = answer.headers["set-cookie"]
+    cookie, *attributes = answer.headers["set-cookie"].lower().split("; ")
     assert TOKEN not in cookie
-    assert "httponly" in cookie.lower()
-    assert "samesite=strict" in cookie.lower()
-    value = re.match(r"robogauntlet_session=([^;]+)", cookie)[1]
-    assert locked.get("/", headers={"cookie": f"robogauntlet_session={value}"}).status_code == 200
-    assert locked.get("/", headers={"cookie": f"robogauntlet_session={value[:-1]}"}).status_code == 401
-    locked.post("/logout", headers={"cookie": f"robogauntlet_session={value}"})
-    assert locked.get("/", headers={"cookie": f"robogauntlet_session={value}"}).status_code == 401
+    assert {"httponly", "samesite=strict"} <= set(attributes)
+    assert "secure" not in attributes
+    assert locked.get("/", headers={"cookie": cookie}).status_code == 200
+    assert locked.get("/", headers={"cookie": cookie[:-1]}).status_code == 401
 
 
-def test_the_login_refuses_a_wrong_token_and_other_sites(locked):
+def test_the_cookie_of_another_token_opens_no_page(locked):
+    for shown in (TOKEN, cookie_of(f"{TOKEN}x"), ""):
+        assert locked.get("/", headers={"cookie": f"{COOKIE}={shown}"}).status_code == 401
+
+
+def test_the_login_refuses_a_wrong_token_and_leads_to_no_other_site(locked):
     assert locked.post("/login", data={"token": "guess"}).status_code == 401
     for elsewhere in ("//evil.example", "https://evil.example", "/\\evil.example", "javascript:alert(1)"):
         answer = locked.post("/login", data={"token": TOKEN, "next": elsewhere}, follow_redirects=False)
         assert answer.headers["location"] == "/"
     assert locked.post("/login", content=b"token=" + b"x" * 10_000).status_code == 413
+
+
+def test_wrong_tokens_are_logged_without_the_token(locked, caplog):
+    with caplog.at_level(logging.INFO, "robogauntlet.dashboard"):
+        locked.post("/login", data={"token": "my-guess"})
+        locked.get("/runs", headers={"authorization": "Bearer my-guess"})
+    assert [record.getMessage() for record in caplog.records] == [
+        f"wrong token from 127.0.0.1 for {path}" for path in ("/login", "/runs")
+    ]
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "PATCH", "DELETE"])
+def test_no_request_changes_anything(filled, method):
+    run_id = filled.made[0][1].run_id
+    for path in ("/", "/runs", f"/runs/{run_id}", "/compare", "/schedule", "/logout", "/api/live"):
+        answer = httpx2.request(method, filled.address + path, content=b"x", **PLAIN)
+        assert answer.status_code in (404, 405), path
 
 
 @pytest.mark.parametrize(
@@ -100,15 +130,32 @@ def test_this_machines_names_are_served_on_loopback(filled, host):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    ("host", "status"), [("lab.example.org", 200), ("lab.example.org:443", 200), ("other.example.org", 400)]
+)
+def test_the_public_name_is_served_on_loopback(public, host, status):
+    assert raw(public, "/login", Host=host)[0] == status
+
+
+def test_the_cookie_is_for_tls_only_behind_a_public_https_address(public):
+    answer = public.post("/login", data={"token": TOKEN}, follow_redirects=False)
+    assert "secure" in answer.headers["set-cookie"].lower().split("; ")
+
+
+@pytest.mark.parametrize(
+    ("url", "address"),
     [
-        *(("origin", "https://evil.example"), ("origin", "null")),
-        *(("sec-fetch-site", "cross-site"), ("sec-fetch-site", "same-site")),
+        ("https://Lab.example.org:8443/", "https://lab.example.org:8443"),
+        ("http://[::1]:8770", "http://[::1]:8770"),
+        *((wrong, None) for wrong in ("lab.example.org", "ftp://a", "https://", "https://a@b", "https://a:b", "null")),
+        *((wrong, None) for wrong in ("https://a/b", "https://a?b", "https://a b", "https://a\\b", "https://a#b", "")),
     ],
 )
-def test_changes_from_pages_of_other_sites_are_refused(filled, name, value):
-    for path in ("/runs", "/login", "/logout"):
-        assert filled.post(path, content=b"x", headers={name: value}).status_code == 403
+def test_a_public_address_is_a_scheme_a_host_and_a_port(url, address):
+    if address is None:
+        with pytest.raises(BadInput, match="expected an address such as"):
+            public_address(url)
+    else:
+        assert public_address(url) == address
 
 
 def test_answers_have_the_security_headers(filled):
@@ -168,9 +215,22 @@ def test_every_file_of_a_report_is_shown(tmp_path):
         assert known_file(folder, name) == folder / name
 
 
-def test_an_address_that_other_machines_reach_needs_a_token(run_command, monkeypatch):
+@pytest.mark.parametrize(
+    ("arguments", "token", "words"),
+    [
+        (("--host", "0.0.0.0"), None, "expected a token in the variable ROBOGAUNTLET_TOKEN, got none"),
+        (("--host", "0.0.0.0"), "abc", "expected at least 16 characters with --host 0.0.0.0, got 3"),
+        (("--public-url", "https://lab.example.org"), None, "--public-url https://lab.example.org: other machines can"),
+        ((), "a b", "ROBOGAUNTLET_TOKEN: expected ASCII characters without spaces"),
+    ],
+)
+def test_a_token_that_does_not_protect_is_refused(run_command, monkeypatch, tmp_path, arguments, token, words):
     monkeypatch.delenv("ROBOGAUNTLET_TOKEN", raising=False)
-    assert "ROBOGAUNTLET_TOKEN" in run_command("serve", "--host", "0.0.0.0").refusal
+    if token is not None:
+        monkeypatch.setenv("ROBOGAUNTLET_TOKEN", token)
+    history = f"sqlite:///{tmp_path}/runs/history.sqlite"
+    assert words in run_command("serve", "--port", "0", "--history", history, *arguments).refusal
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_port_in_use_is_one_line(run_command, tmp_path):

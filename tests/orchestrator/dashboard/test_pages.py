@@ -143,7 +143,7 @@ def test_a_run_shows_counts_with_intervals_the_verdict_and_its_baseline(filled):
     assert "▼ regressed" in page
     baseline = filled.made[-2][1].run_id
     assert f'href="/runs/{baseline}"' in page
-    assert f"/compare?run={run.run_id}&amp;baseline={baseline}" in page
+    assert f"/compare?first={run.run_id}&amp;second={baseline}" in page
     assert "4f1c2a9 (clean)" in page
 
 
@@ -156,7 +156,7 @@ def test_an_unknown_run_is_not_found(filled):
 def test_a_comparison_agrees_with_the_command(filled):
     _, run, _ = filled.made[-1]
     baseline = filled.made[-2][1]
-    page = filled.get(f"/compare?run={run.run_id}&baseline={baseline.run_id}").text
+    page = filled.get(f"/compare?first={run.run_id}&second={baseline.run_id}").text
     assert "<h1>REGRESSED</h1>" in page
     entry = next(one for one in filled.history.runs() if one.run_id == run.run_id)
     for reason in entry.reasons:
@@ -183,10 +183,10 @@ def test_a_policy_is_compared_with_that_of_another_run(filled):
 
 def test_all_policies_of_a_run_are_compared(filled):
     _, run, _ = filled.made[-1]
-    page = filled.get(f"/compare?policies={run.run_id}").text
+    page = filled.get(f"/compare?first={run.run_id}").text
     assert page.count("<summary>") == 3
     assert "Policies with letters" in page
-    assert f'href="/compare?policies={run.run_id}"' in filled.get(f"/runs/{run.run_id}").text
+    assert f'href="/compare?first={run.run_id}"' in filled.get(f"/runs/{run.run_id}").text
 
 
 def test_policies_that_cannot_be_compared_are_one_line(filled):
@@ -204,7 +204,7 @@ def test_a_comparison_without_rows_is_one_line(served):
     far = {"store_url": "postgresql+psycopg://user:***@far/db"}
     served.history.record(document(run_id="one", **far))
     served.history.record(document(run_id="two", **far))
-    page = served.get("/compare?run=one&baseline=two").text
+    page = served.get("/compare?first=one&second=two").text
     assert "its rows are in postgresql+psycopg://user:***@far/db" in page
 
 

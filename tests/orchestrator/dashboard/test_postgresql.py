@@ -23,7 +23,7 @@ def test_every_page_works_with_postgresql(tmp_path, server):  # noqa: F811
             "/": "▼ regressed",
             "/runs?suite=nightly&status=complete&policy=merged": "1 to 4 of 4 runs",
             f"/runs/{last}": "robosuite/<wbr>Door",
-            f"/compare?run={last}&baseline={before}": "REGRESSED",
+            f"/compare?first={last}&second={before}": "REGRESSED",
             "/history?policy=merged&suite=nightly&task=robosuite/Door": f'href="/runs/{last}"',
             "/leaderboard?suite=nightly": "<b>a</b>",
             "/failures": "<video",

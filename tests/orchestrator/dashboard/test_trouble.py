@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robogauntlet.orchestrator.dashboard.answers import AnswerCache
+from robogauntlet.orchestrator.dashboard.answers import Answers
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import live_status, running
 
@@ -86,7 +86,7 @@ def test_fifty_readers_see_no_error_while_a_run_reports(tmp_path):
 
 
 def test_simultaneous_requests_compute_a_slow_answer_once():
-    memory, made = AnswerCache(2), []
+    answers, made = Answers(2), []
 
     def make():
         time.sleep(0.05)
@@ -94,23 +94,33 @@ def test_simultaneous_requests_compute_a_slow_answer_once():
         return "answer"
 
     with ThreadPoolExecutor(8) as pool:
-        answers = list(pool.map(memory.get, ["key"] * 8, [make] * 8))
-    assert answers == ["answer"] * 8
+        found = list(pool.map(answers.get, ["key"] * 8, [make] * 8))
+    assert found == ["answer"] * 8
     assert made == [1]
 
 
+def test_an_answer_does_not_wait_for_another():
+    answers, begun, ended = Answers(2), threading.Event(), threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        slow = pool.submit(answers.get, "slow", lambda: begun.set() or ended.wait(60))
+        assert begun.wait(60)
+        assert answers.get("quick", lambda: "answer") == "answer"
+        ended.set()
+        assert slow.result()
+
+
 def test_old_answers_are_dropped_and_errors_are_not_cached():
-    memory = AnswerCache(2)
-    assert [memory.get(key, lambda key=key: key) for key in "abca"] == [*"abca"]
-    assert memory.get("a", lambda: "new") == "a"
-    assert memory.get("b", lambda: "new") == "new"
+    answers = Answers(2)
+    assert [answers.get(key, lambda key=key: key) for key in "abca"] == [*"abca"]
+    assert answers.get("a", lambda: "new") == "a"
+    assert answers.get("b", lambda: "new") == "new"
     with pytest.raises(ZeroDivisionError):
-        memory.get("d", lambda: 1 / 0)
-    assert memory.get("d", lambda: "right") == "right"
+        answers.get("d", lambda: 1 / 0)
+    assert answers.get("d", lambda: "right") == "right"
 
 
 def test_an_answer_expires():
-    memory = AnswerCache(2, seconds=0.0)
-    memory.get("a", lambda: "old")
-    time.sleep(0.001)
-    assert memory.get("a", lambda: "new") == "new"
+    answers = Answers(2)
+    answers.get("a", lambda: "old", seconds=0.001)
+    time.sleep(0.01)
+    assert answers.get("a", lambda: "new") == "new"
