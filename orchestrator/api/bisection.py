@@ -16,7 +16,7 @@ from robogauntlet.orchestrator.runs.composition import compose_plan
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
-from robogauntlet.orchestrator.runs.suite_policies import PlanError
+from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.policies.references import read_reference, with_options
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.run_history import history_url

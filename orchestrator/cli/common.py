@@ -16,7 +16,7 @@ from rich.console import Console
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.orchestrator.cli.parameters import WHOLE
 from robogauntlet.orchestrator.runs.composition import RUNS
-from robogauntlet.orchestrator.runs.suite_policies import PlanError
+from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.references import FORMS
 from robogauntlet.results.folder_lock import FolderError

@@ -41,7 +41,7 @@ from robogauntlet.orchestrator.cli.episodes_needed import (
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
 from robogauntlet.orchestrator.runs.plan import check_same, fitted, make_plan, remaining_work
-from robogauntlet.orchestrator.runs.suite_policies import needs_policy
+from robogauntlet.orchestrator.runs.suite_names import needs_policy
 from robogauntlet.policies.references import read_options
 from robogauntlet.results.run_document import RUN_FILE, read_run
 from robogauntlet.results.store.episode_store import Store

@@ -10,7 +10,7 @@ import typer
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, AsJson, Check, fail, print_json, print_line
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.plan import Plan, make_plan
-from robogauntlet.orchestrator.runs.suite_policies import PlanError
+from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.support.text import counted
 

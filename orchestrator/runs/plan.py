@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from array import array
-from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.registry import load_registry, why_unadjusted
+from robogauntlet.orchestrator.registry import load_registry
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
-from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy, of_tasks
+from robogauntlet.orchestrator.runs.suite_names import PlanError, resolve_names
+from robogauntlet.orchestrator.runs.suite_policies import SuitePolicies, resolve_policies
+from robogauntlet.orchestrator.runs.suite_simulators import resolve_simulators, unavailable_simulators
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
-from robogauntlet.suites.axes import axes_of, why_unsupported
-from robogauntlet.suites.checks import check_names, training_seeds
+from robogauntlet.suites.checks import training_seeds
 from robogauntlet.suites.episode import Cell
-from robogauntlet.suites.loading import REQUIRED, SuiteError, load_suite, problem_at
-from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.loading import REQUIRED, SuiteError, problem_at
+from robogauntlet.suites.registry import Registry
 from robogauntlet.suites.schema import Suite
-from robogauntlet.suites.selection import SelectionError, SuiteSelection
+from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.text import counted, first_of
 
 WHOLE = SuiteSelection()
@@ -124,75 +123,29 @@ def make_plan(
     """
     names = load_registry()
     try:
-        loaded = load_suite(path, names, text)
+        named = resolve_names(path, text, part, names, require_policy=require_installed)
     except SuiteError as error:
-        if error.rest is None:
-            raise
-        rest = error.rest.with_names(names)
-        known = list(rest.tasks) != REQUIRED["tasks"]
-        others = find_policies(rest, EnvironmentResolver(rest.environments), start=start, tasks_are_known=known)
-        raise SuiteError([*error.problems, *others.problems(path, _text(path, text))], rest) from None
-    try:
-        loaded = part.set_in(loaded)
-    except SelectionError as error:
-        raise PlanError(f"{path}: {error}") from None
-    whole, part = add_policies(loaded, part, path)
-    if require_installed and whole.needs is not None:
-        raise PlanError(needs_policy(path, part.policies))
-    try:
-        suite = part.apply_to(whole)
-    except SelectionError as error:
-        raise PlanError(f"{path}: {error}") from None
-    fit, chosen = loaded.needs is not None, suite.tasks
-    if fit:
-        for entry in suite.policies:
-            if (known := names.policies.get(entry.kind)) and known.tasks is not None:
-                suite = of_tasks(suite, known.tasks.__contains__)
-    if mistakes := check_names(suite, names):  # of added policies
-        raise SuiteError([problem_at(path, None, message) for _, message in mistakes])
-    environments = EnvironmentResolver(suite.environments)
-    found = find_policies(suite, environments, start=start, ask=require_installed, fit=fit)
+        raise _with_policies(error, path, text, names, start=start) from None
+    environments = EnvironmentResolver(named.suite.environments)
+    found = resolve_policies(named.suite, environments, start=start, required=require_installed, fit=named.is_open)
     suite = found.suite
-    if require_installed:
-        missing = [(name, f"policy '{name}': {reason}") for name, reason in found.unchecked.items()]
-        found = replace(found, mistakes=[*missing, *found.mistakes])
-    sources = found.sources
-    unsupported = _unsupported_axes(suite)
-    unsupported_tasks = Counter(gap.axis for gap in unsupported)
-    refused = [
-        gap
-        for gap in unsupported
-        if unsupported_tasks[gap.axis] == len(suite.tasks) or (suite.design and gap.axis in suite.design.axes)
-    ]
-    problems = [*_in_words(refused), *_missing_cameras(suite)]
-    if problems or found.mistakes:
-        whole_file = [problem_at(path, None, problem) for problem in problems]
+    scene = resolve_simulators(suite)
+    if scene.mistakes or found.mistakes:
+        whole_file = [problem_at(path, None, mistake) for mistake in scene.mistakes]
         raise SuiteError([*found.problems(path, _text(path, text)), *whole_file])
-    digests = {name: str(source.digest) for name, source in sources.items()}
-    without = {(gap.axis, gap.task) for gap in unsupported}
-    cells = tuple(
-        cell
-        for cell in (suite.cells(names, digests) if suite.needs is None else ())
-        if not any((part.axis, cell.task) in without for part in cell.condition.perturbations)
-    )
-    suite_hash = UNKNOWN if suite.needs is None else NO_POLICY
-    is_fitted = not (fit and found.unchecked)
-    if suite.needs is None and is_fitted and all(source.digest for source in sources.values()):
-        suite_hash = suite.content_hash(digests, names)
-    simulator_names = dict.fromkeys(cell.simulator for cell in cells)
+    cells, suite_hash = _identified(suite, found, scene.unsupported, names, is_open=named.is_open)
+    used = dict.fromkeys(cell.simulator for cell in cells)
     return Plan(
         suite=suite,
         path=path,
         text=_text(path, text),
         suite_hash=suite_hash,
         cells=cells,
-        sources=sources,
-        unavailable=_unavailable_simulators(
-            simulator_names, environments, only, require_one=require_installed, start=start
-        ),
+        sources=found.sources,
+        unavailable=unavailable_simulators(used, environments, only, require_one=require_installed, start=start),
         unchecked=found.unchecked,
-        unsupported=unsupported,
-        left_out=tuple(task for task in chosen if task not in suite.tasks),
+        unsupported=scene.unsupported,
+        left_out=tuple(task for task in named.tasks if task not in suite.tasks),
         notes=found.notes,
         warnings=(*found.warnings, *filter(None, [training_seeds(suite)])),
         server_metadata=found.server_metadata,
@@ -200,64 +153,36 @@ def make_plan(
     )
 
 
+def _with_policies(error: SuiteError, path: Path, text: str | None, names: Registry, *, start: bool) -> SuiteError:
+    """The mistakes of a suite file, and those of its policies as far as the rest of the file can be used."""
+    if error.rest is None:
+        return error
+    rest = error.rest.with_names(names)
+    known = list(rest.tasks) != REQUIRED["tasks"]
+    found = resolve_policies(rest, EnvironmentResolver(rest.environments), start=start, tasks_are_known=known)
+    return SuiteError([*error.problems, *found.problems(path, _text(path, text))], rest)
+
+
+def _identified(
+    suite: Suite, found: SuitePolicies, gaps: Sequence[Unsupported], names: Registry, *, is_open: bool
+) -> tuple[tuple[Cell, ...], str]:
+    """The cells of a suite without those that a task does not support, and the hash of the suite."""
+    if suite.needs is not None:
+        return (), NO_POLICY
+    digests = {name: str(source.digest) for name, source in found.sources.items()}
+    without = {(gap.axis, gap.task) for gap in gaps}
+    cells = tuple(
+        cell
+        for cell in suite.cells(names, digests)
+        if not any((part.axis, cell.task) in without for part in cell.condition.perturbations)
+    )
+    if (is_open and found.unchecked) or not all(source.digest for source in found.sources.values()):
+        return cells, UNKNOWN
+    return cells, suite.content_hash(digests, names)
+
+
 def _text(path: Path, text: str | None) -> str:
     return path.read_text(encoding="utf-8") if text is None else text
-
-
-def _unsupported_axes(suite: Suite) -> tuple[Unsupported, ...]:
-    """Pairs of an axis of the suite and a task that does not support it."""
-    cards = simulators.task_descriptions()
-    axes = dict.fromkeys(axis for condition in suite.all_conditions() for axis in axes_of(condition))
-    return tuple(
-        Unsupported(axis=axis.name, task=task, reason=reason)
-        for axis in axes
-        for task in suite.tasks
-        if (reason := why_unadjusted(axis, task) or why_unsupported(axis, cards[task].instruction))
-    )
-
-
-def _in_words(gaps: Iterable[Unsupported]) -> Iterator[str]:
-    """A line for each axis and reason, with the first of its tasks."""
-    tasks: dict[tuple[str, str], list[str]] = {}
-    for gap in gaps:
-        tasks.setdefault((gap.axis, gap.reason), []).append(gap.task)
-    for (axis, reason), (first, *others) in tasks.items():
-        more = f" and {counted(len(others), 'more task')}" if others else ""
-        yield f"axis '{axis}' is unsupported in {first}{more}: {reason}"
-
-
-def _missing_cameras(suite: Suite) -> Iterator[str]:
-    """A line for each task that lacks a camera of the suite."""
-    cards = simulators.task_descriptions()
-    for task in suite.tasks:
-        for camera in suite.cameras:
-            if camera not in cards[task].cameras:
-                yield f"task '{task}' has no camera '{camera}'; write cameras: [{', '.join(cards[task].cameras)}]"
-
-
-def _unavailable_simulators(
-    names: Collection[str],
-    environments: EnvironmentResolver,
-    required: Sequence[str],
-    *,
-    require_one: bool,
-    start: bool,
-) -> dict[str, str]:
-    """The simulators that cannot run on this machine, each with the reason.
-
-    Raises:
-        PlanError: A required simulator is not in the suite or cannot run; with `require_one`, none can run.
-    """
-    reason_of = environments.missing_reason if start else environments.missing_file
-    unavailable = {name: reason for name in names if (reason := reason_of(simulators.find(name)))}
-    unused = [name for name in required if name not in names]
-    none_can_run = len(unavailable) == len(names)
-    broken = unavailable if require_one and none_can_run else [name for name in required if name in unavailable]
-    problems = [f"{name}: the suite does not use this simulator{did_you_mean(name, names)}" for name in unused]
-    problems += [f"{name}: {unavailable[name]}" for name in broken]
-    if problems:
-        raise PlanError("\n".join(problems))
-    return unavailable
 
 
 def remaining_work(plan: Plan, outcomes: Outcomes, skipped: Collection[str] = ()) -> Progression:

@@ -13,7 +13,7 @@ from pathlib import Path
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.environments.environment import EnvironmentUser, environment_users
 from robogauntlet.orchestrator.runs.plan import Plan, check_same
-from robogauntlet.orchestrator.runs.suite_policies import PlanError
+from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.results.analysis.comparison import OWN
 from robogauntlet.results.run_document import (
     EVERYWHERE,

@@ -1,11 +1,10 @@
-"""Finds the policies of a suite: what the command line adds, what each is built from, and what is wrong with it."""
+"""The second step of a plan: what each policy of a suite is built from and asks for, and what is wrong with it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeGuard
 
@@ -14,6 +13,7 @@ from robogauntlet.adapters.contract import ObservationSpec, TaskDescription
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.planned_policy import PlannedPolicy
+from robogauntlet.orchestrator.runs.suite_names import of_tasks
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import (
     Contact,
@@ -27,21 +27,13 @@ from robogauntlet.policies.contract import (
     check_tasks,
 )
 from robogauntlet.policies.hub import OnHub, without_downloads
-from robogauntlet.policies.references import FORMS, read_reference, with_options
 from robogauntlet.suites.loading import Problem, policy_lines, problem_at
-from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.ranges import LARGEST_IMAGE, SMALLEST_IMAGE
 from robogauntlet.suites.schema import PolicyEntry, Suite
-from robogauntlet.suites.selection import SuiteSelection
-from robogauntlet.support.errors import BadInput, UserError
 
 NOT_STARTED = "nothing that a suite names is imported or contacted; --check does"
 """Why a policy was not checked."""
 NO_WISHES = Wishes()
-
-
-class PlanError(UserError):
-    """A suite that cannot be run; one line per problem."""
 
 
 @dataclass(frozen=True)
@@ -68,55 +60,12 @@ class SuitePolicies:
         return [problem_at(path, lines.get(name), message) for name, message in self.mistakes]
 
 
-def needs_policy(path: Path, given: Sequence[str] = ()) -> str:
-    """The message for a suite that is used without the policy that it needs, or with `given` that it has already."""
-    named = "', '".join(given)
-    own = f"'{named}' is its gate or baseline already, name another policy: " if given else ""
-    return f"{path}: {own}the suite needs a policy; add --policy with {FORMS}"
-
-
-def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite, SuiteSelection]:
-    """Add the policies of `part` that the suite lacks, and return both; `part` then has the names of these policies.
-
-    Raises:
-        PlanError: A name that is neither a policy of the suite nor a reference.
-        BadInput: There is no such policy.
-        PolicyError: The zoo has no such checkpoint.
-    """
-    entries, chosen = {policy.name: policy for policy in suite.policies}, []
-    for text in part.policies:
-        if any(fnmatchcase(name, text) for name in entries):
-            chosen.append(text)
-            continue
-        try:
-            entry = read_reference(text)
-        except BadInput:
-            if entries and not set(text) & set(":/"):
-                raise PlanError(f"{path}: the suite has no policy '{text}'{did_you_mean(text, entries)}") from None
-            raise
-        if entries.setdefault(entry.name, entry) != entry:
-            raise BadInput(
-                f"--policy {text}: another policy has the name '{entry.name}' too; name them in a suite file"
-            )
-        chosen.append(entry.name)
-    own = [policy.name for policy in suite.policies]
-    if added := [entry for name, entry in entries.items() if name not in own]:
-        listed = (*suite.policies, *with_options(added, part.options))
-        if suite.needs is not None:
-            chosen += own
-            listed = (*listed[len(own) :], *suite.policies)
-        suite = suite.model_copy(update={"policies": listed, "needs": None})
-    elif part.options:
-        raise BadInput("--option: expected --policy with a policy that the suite lacks, to which the option belongs")
-    return suite, replace(part, policies=tuple(chosen))
-
-
-def find_policies(
+def resolve_policies(
     suite: Suite,
     environments: EnvironmentResolver,
     *,
     start: bool,
-    ask: bool = False,
+    required: bool = False,
     fit: bool = False,
     tasks_are_known: bool = True,
 ) -> SuitePolicies:
@@ -126,7 +75,7 @@ def find_policies(
         suite: The suite.
         environments: The environments of policies.
         start: Whether to import code that the suite names, contact its servers and start interpreters.
-        ask: Whether to ask functions once.
+        required: Whether each must be usable now: what cannot be checked is a mistake, and functions are asked once.
         fit: Whether the suite leaves out tasks in which one of its policies cannot act, and takes the image size that
             the only one needs that is no reference policy, also where it states another.
         tasks_are_known: Whether a policy that does not fit the suite is a mistake; not where tasks stand in for wrong
@@ -163,7 +112,7 @@ def find_policies(
             with noting_mistakes(name):
                 if one.spec is not None:
                     _check_fit(one.spec, suite)
-                if ask and one.process is not None:
+                if required and one.process is not None:
                     for task in one_of_each_body(suite.tasks):
                         one.process.check_answer(suite.view, task)
             if one.reason:
@@ -173,7 +122,8 @@ def find_policies(
             if (first := names_by_digest.setdefault(str(one.source.digest), name)) != name:
                 mistakes[name].append(f"policies '{first}' and '{name}' are the same policy; remove one")
     sources = {name: one.source for name, one in found.items()}
-    listed = [(name, message) for name, messages in mistakes.items() for message in messages]
+    listed = [(name, f"policy '{name}': {reason}") for name, reason in unchecked.items() if required]
+    listed += [(name, message) for name, messages in mistakes.items() for message in messages]
     return SuitePolicies(suite, sources, unchecked, listed, tuple(notes), tuple(warnings), metadata)
 
 
@@ -300,11 +250,6 @@ def one_of_each_body(tasks: Iterable[str]) -> list[TaskDescription]:
     """Return the first of these tasks that has one arm, the first that has two, and the first of each with joints."""
     known = simulators.task_descriptions()
     return list({known[task].body: known[task] for task in reversed(list(tasks))}.values())
-
-
-def of_tasks(suite: Suite, able: Callable[[str], bool]) -> Suite:
-    """Return the suite with those of its tasks that are `able`; the whole suite if none is."""
-    return suite.model_copy(update={"tasks": tuple(filter(able, suite.tasks)) or suite.tasks})
 
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:

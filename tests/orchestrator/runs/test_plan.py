@@ -8,7 +8,8 @@ from robogauntlet.orchestrator.registry import find_suite, why_impossible, why_u
 from robogauntlet.orchestrator.runs import suite_policies
 from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan
 from robogauntlet.orchestrator.runs.plan import fitted as fitted_lines
-from robogauntlet.orchestrator.runs.suite_policies import PlanError, one_of_each_body
+from robogauntlet.orchestrator.runs.suite_names import PlanError
+from robogauntlet.orchestrator.runs.suite_policies import one_of_each_body
 from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition

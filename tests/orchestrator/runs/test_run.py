@@ -16,7 +16,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
-from robogauntlet.orchestrator.runs.suite_policies import PlanError
+from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.baselines import UntrainedPolicy
 from robogauntlet.policies.contract import PolicyInput, PolicySpec

@@ -5,7 +5,7 @@ import pytest
 
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
-from robogauntlet.orchestrator.runs.suite_policies import PlanError
+from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.results.run_document import read_run, write_run
 from tests.errors import one_line_error
 from tests.remote_servers import answering, speaking

@@ -3,7 +3,7 @@
 import pytest
 
 from robogauntlet.orchestrator.runs.plan import fitted, make_plan
-from robogauntlet.orchestrator.runs.suite_policies import PlanError
+from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.suites.episode import RenderProfile
 from robogauntlet.suites.selection import SuiteSelection
 from tests.errors import one_line_error
