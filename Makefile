@@ -20,7 +20,7 @@ help:
 	@echo "make environments  the environments of LIBERO, LIBERO-Plus and LeRobot, in which make test plays them"
 	@echo "make lint       ruff and mypy"
 	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
-	@echo "make dist       build the wheels of robogauntlet and robogauntlet-zoo, and the source distribution, into dist/"
+	@echo "make dist       build the wheels of robogauntlet, robogauntlet-mergevla and robogauntlet-zoo, and the source distribution, into dist/"
 	@echo "make audit      look up known vulnerabilities of all pinned packages; needs a network"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make studies    check that the tables of studies/ are those of their kept rows"
@@ -50,10 +50,10 @@ $(STAMP): $(PLAYING)
 	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e ".[postgresql,figures,wandb,mlflow,docs,dev]"
 	@touch $@
 
-$(PLAYING): pyproject.toml constraints.txt
+$(PLAYING): pyproject.toml mergevla/pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25" "setuptools>=77" wheel
-	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e ".[simulators,mergevla]"
+	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e ".[simulators]" -e ./mergevla
 	@# pip would compile every module; these imports compile those that are used. The last two need libraries for
 	@# rendering, which may not be there yet.
 	@$(BIN)/python -c "import ray, torch, transformers, panda_gym, robosuite, mani_skill.envs" >/dev/null 2>&1 || true
@@ -89,8 +89,8 @@ docs: setup
 	@echo "documentation: runs/site/index.html"
 
 dist: setup
-	rm -rf dist build src/*.egg-info zoo/build zoo/*.egg-info
-	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . ./zoo
+	rm -rf dist build src/*.egg-info mergevla/build mergevla/*.egg-info zoo/build zoo/*.egg-info
+	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . ./mergevla ./zoo
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; print('dist/' + build_sdist('dist'))"
 
 # pip-audit wants other versions than we do of some packages; it gets an environment of its own.
@@ -122,4 +122,4 @@ report: setup
 	$(BIN)/robogauntlet report
 
 clean:
-	rm -rf build dist src/*.egg-info zoo/build zoo/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build dist src/*.egg-info mergevla/build mergevla/*.egg-info zoo/build zoo/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from robogauntlet.policies import catalog, zoo
-from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
-from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
-from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, policy_entry, valid_name
 from robogauntlet.suites.selection import SETTINGS, option_of
 from robogauntlet.suites.yaml_file import YamlError, parse_yaml
 from robogauntlet.support.errors import BadInput
+from robogauntlet_mergevla.checkpoints.merged_metadata import KIND as MERGED
+from robogauntlet_mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
+from robogauntlet_mergevla.options import EXPERTS_NAME, MERGED_NAME
 
 SHOWN = 80
 """Characters of an option's value in a message."""

@@ -81,14 +81,26 @@ def test_an_input_of_the_action_is_a_word_and_is_never_run(runner, tmp_path, tex
     assert not (tmp_path / "here").exists()
 
 
-@pytest.mark.parametrize(("extra", "package"), [("", ""), ("pybullet", "[pybullet]"), ("a,b", "[a,b]")])
-def test_the_action_installs_itself_with_its_extras_and_pins(runner, tmp_path, extra, package):
+@pytest.mark.parametrize(
+    ("extra", "packages"),
+    [
+        ("", [""]),
+        ("pybullet", ["[pybullet]"]),
+        ("a,b", ["[a,b]"]),
+        ("mergevla", ["", "/mergevla", "/zoo"]),
+        ("simulators,mergevla", ["[simulators]", "/mergevla", "/zoo"]),
+        ("mergevla,b", ["[b]", "/mergevla", "/zoo"]),
+        ("a,mergevla,b", ["[a,b]", "/mergevla", "/zoo"]),
+    ],
+)
+def test_the_action_installs_itself_with_its_extras_and_pins(runner, tmp_path, extra, packages):
     for program in ("python", "sudo"):
         write_program(tmp_path / "bin" / program, RECORDER)
     assert runner.run_step("install", extra=extra)[0] == 0
     drivers, words = ["bash", f"{ROOT}/scripts/render_drivers.sh"], (tmp_path / "arguments").read_text().splitlines()
     assert words[:2] == drivers
-    assert words[-3:] == ["-c", f"{ROOT}/constraints.txt", f"{ROOT}{package}"]
+    pinned = ["-c", f"{ROOT}/constraints.txt", *(f"{ROOT}{package}" for package in packages)]
+    assert words[-len(pinned) :] == pinned
     assert all((ROOT / name).is_file() for name in ("scripts/render_drivers.sh", "constraints.txt"))
 
 
@@ -100,7 +112,7 @@ def test_the_action_refuses_an_extra_that_is_a_requirement(runner):
 
 def test_the_extras_of_the_nightly_workflow_exist():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    assert set(nightly_inputs()["extra"].split(",")) <= extras.keys()
+    assert set(nightly_inputs()["extra"].split(",")) <= {*extras, "mergevla"}
 
 
 def test_no_script_has_an_expression_in_it():

@@ -22,7 +22,7 @@ PACKAGES = {
 FLOORS = {
     "orchestrator": (
         ("episodes", "scheduling", "perturbations", "inference", "ray_runtime", "environments"),
-        ("replay", "demonstrations", "routing_evaluation"),
+        ("replay", "demonstrations"),
         ("runs",),
         ("adapter_kit", "policy_kit"),
         ("api", "cli", "dashboard", "notifications", "schedules", "trackers"),
@@ -37,11 +37,13 @@ UPWARD = {
 }
 """Imports that run against the floors, or from analysis to store, and have yet to be turned round."""
 SOURCE = ROOT / "src" / "robogauntlet"
+MERGEVLA = ROOT / "mergevla" / "robogauntlet_mergevla"
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 25_070,
+    "orchestrator": 23_920,
     "adapters": 9_120,
-    "policies": 14_790,
+    "policies": 6_470,
+    "mergevla": 9_460,
     "results": 14_290,
     "suites": 2_880,
     "src/robogauntlet": 1_022,
@@ -174,7 +176,7 @@ def test_every_public_name_is_there():
 
 
 def test_no_file_is_longer_than_the_limit():
-    folders = (*PACKAGES.keys() - {"support"}, "tests", "scripts", "src", "studies")
+    folders = (*PACKAGES.keys() - {"support"}, "mergevla", "tests", "scripts", "src", "studies")
     files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     assert {str(p): n for p in files if (n := len(p.read_text(encoding="utf-8").splitlines())) > LONGEST} == {}
 
@@ -200,5 +202,6 @@ def test_the_pages_keep_to_their_budget_of_words():
 def test_tests_have_the_same_packages_as_the_source():
     of_tests = ("data", "bad_input", "chaos", "fuzz")
     folders = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests").rglob("test_*.py")} - {Path()}
-    strays = [path for path in folders if path.parts[0] not in of_tests and not (SOURCE / path).is_dir()]
-    assert strays == []
+    places = {path: (MERGEVLA if path.parts[0] == "mergevla" else SOURCE / path.parts[0]) for path in folders}
+    strays = [path for path, place in places.items() if not place.joinpath(*path.parts[1:]).is_dir()]
+    assert [path for path in strays if path.parts[0] not in of_tests] == []

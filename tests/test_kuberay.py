@@ -18,6 +18,7 @@ FOLDER = ROOT / "examples" / "kuberay"
 TEXT = (FOLDER / "raycluster.yaml").read_text(encoding="utf-8")
 RECIPE = (FOLDER / "Containerfile").read_text(encoding="utf-8")
 DOCUMENTS = {document["kind"]: document for document in yaml.safe_load_all(TEXT)}
+WHEELS = ("robogauntlet", "robogauntlet_mergevla", "robogauntlet_zoo")
 SCHEMA = json.loads((ROOT / "tests" / "data" / "kuberay.schema.json").read_text())
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -125,12 +126,9 @@ def test_the_command_of_the_comment_is_one_of_the_command_line():
 def test_the_image_is_made_of_wheels_extras_and_scripts_that_exist():
     (extras,) = re.findall(r"^ARG EXTRAS=(.*)$", RECIPE, re.MULTILINE)
     assert set(extras.split(",")) <= PROJECT["optional-dependencies"].keys()
-    names = [f"{name}-{PROJECT['version']}-py3-none-any.whl" for name in ("robogauntlet", "robogauntlet_zoo")]
+    names = [f"{name}-{PROJECT['version']}-py3-none-any.whl" for name in WHEELS]
     patterns = re.findall(r"/build/(robogauntlet\S*\.whl)", RECIPE)
-    assert [[name for name in names if fnmatch.fnmatch(name, pattern)] for pattern in patterns] == [
-        [names[0]],
-        [names[1]],
-    ]
+    assert [[name for name in names if fnmatch.fnmatch(name, pattern)] for pattern in patterns] == [[n] for n in names]
     assert [word for word in copied() if "*" not in word and not (ROOT / word).is_file()] == []
 
 

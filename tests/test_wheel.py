@@ -84,14 +84,14 @@ def copy_repository(folder):
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
-    """Both wheels, built from the files in git."""
+    """The wheels of the program, MergeVLA and the zoo, built from the files in git."""
     source, dist = copy_repository(tmp_path_factory.mktemp("source")), tmp_path_factory.mktemp("dist")
     run(
         *(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"),
-        *("--wheel-dir", dist, ".", "./zoo"),
+        *("--wheel-dir", dist, ".", "./mergevla", "./zoo"),
         cwd=source,
     )
-    return next(dist.glob("robogauntlet-*.whl")), next(dist.glob("robogauntlet_zoo-*.whl"))
+    return [next(dist.glob(f"{name}-*.whl")) for name in ("robogauntlet", "robogauntlet_mergevla", "robogauntlet_zoo")]
 
 
 @pytest.fixture(scope="module")
@@ -128,19 +128,21 @@ def runner(environment, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def program(wheels, tmp_path_factory):
-    """`robogauntlet` of the two wheels, with the newest packages that they allow."""
+    """`robogauntlet` of the wheels, with the newest packages that they allow, but without those of MergeVLA."""
     python = new_environment(tmp_path_factory.mktemp("newest")) / "bin" / "python"
-    wanted = (f"robogauntlet[pybullet] @ {wheels[0].as_uri()}", wheels[1], "pytest", "hypothesis")
+    wanted = (f"robogauntlet[pybullet] @ {wheels[0].as_uri()}", wheels[2], "pytest", "hypothesis")
     run(python, "-m", "pip", "install", "--quiet", "--no-compile", *wanted)
+    run(python, "-m", "pip", "install", "--quiet", "--no-compile", "--no-deps", wheels[1])
     return python.with_name("robogauntlet")
 
 
 def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(wheels):
-    program, zoo = (zipfile.ZipFile(path).namelist() for path in wheels)
-    tops = {name.split("/")[0] for name in program}
-    assert tops == {"robogauntlet", next(top for top in tops if top.endswith(".dist-info"))}
+    program, mergevla, zoo = (zipfile.ZipFile(path).namelist() for path in wheels)
+    for package, names in (("robogauntlet", program), ("robogauntlet_mergevla", mergevla)):
+        tops = {name.split("/")[0] for name in names}
+        assert tops == {package, next(top for top in tops if top.endswith(".dist-info"))}
+        assert f"{package}/py.typed" in names
     for name in (
-        "py.typed",
         *(f"suites/{path.name}" for path in (ROOT / "suites").glob("*.yaml")),
         "adapters/gymnasium/mappings/FetchReach-v4.yaml",
         "results/report/report.css",

@@ -26,8 +26,6 @@ from robogauntlet.orchestrator.scheduling.scheduler import Observer, Scheduler, 
 from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.mergevla.checkpoints.metadata import digest_of
-from robogauntlet.policies.mergevla.options import EXPERTS_NAME, expert_folders
 from robogauntlet.policies.oracles import digest_of_task
 from robogauntlet.policies.training.dataset_writer import DatasetWriter
 from robogauntlet.policies.zoo import shipped
@@ -49,6 +47,8 @@ from robogauntlet.suites.ranges import MAX_FIRST_SEED
 from robogauntlet.suites.schema import expand_tasks
 from robogauntlet.support.errors import BadInput, describe_os_error
 from robogauntlet.support.interrupts import deferred_interrupts
+from robogauntlet_mergevla.checkpoints.metadata import digest_of
+from robogauntlet_mergevla.options import EXPERTS_NAME, expert_folders
 
 ORACLE = "oracle"
 NOISE = 0.1

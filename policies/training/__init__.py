@@ -1,1 +1,1 @@
-"""Training: demonstrations in, checkpoints out. Reads data sets and never drives a simulator."""
+"""Training data: data sets of demonstrations, written and read. Nothing here trains."""

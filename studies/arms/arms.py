@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
+from robogauntlet_mergevla.options import expert_folders
 from studies.merging.operators import percent
 from studies.shared import merged_policy, play_policies, run_gauntlet, table_of
 from studies.tables import write_episodes

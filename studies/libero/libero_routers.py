@@ -30,9 +30,9 @@ def measure() -> list[dict[str, object]]:
     """A row for each router and model."""
     import torch
 
-    from robogauntlet.orchestrator.routing_evaluation.first_observations import collect_first_observations
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import load_merged
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.routing_evaluation.first_observations import collect_first_observations
 
     torch.set_num_threads(1)
     checkpoint = load_merged(MERGED)

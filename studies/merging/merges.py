@@ -58,17 +58,17 @@ def measure() -> list[dict[str, object]]:
     """Merge the zoo's experts in each way, choose lambda per task, and score each task's held-out episodes."""
     import torch
 
-    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, read_tensors
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import tensors_of_parts
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS
-    from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
-    from robogauntlet.policies.mergevla.options import expert_folders
     from robogauntlet.policies.training.dataset import Demonstrations, find_datasets
-    from robogauntlet.policies.training.dataset_mixture import DatasetMixture, HeldOut
-    from robogauntlet.policies.training.lambda_selection import choose_lambdas, experts_l1, held_out_l1
     from robogauntlet.policies.zoo import shipped
+    from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, read_tensors
+    from robogauntlet_mergevla.checkpoints.merge_experts import merge_parts, read_experts
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import tensors_of_parts
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.checkpoints.metadata import WEIGHTS
+    from robogauntlet_mergevla.merging.recipe import MaskRule, Recipe
+    from robogauntlet_mergevla.options import expert_folders
+    from robogauntlet_mergevla.training.dataset_mixture import DatasetMixture, HeldOut
+    from robogauntlet_mergevla.training.lambda_selection import choose_lambdas, experts_l1, held_out_l1
 
     torch.set_num_threads(1)
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio, pooled
 from robogauntlet.results.statistics.rates import wilson_interval
+from robogauntlet_mergevla.options import expert_folders
 from studies.merging.operators import percent
 from studies.shared import kilobytes, merged_policy, play_policies, table_of
 from studies.tables import episodes_of, write_episodes
 
 if TYPE_CHECKING:
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
+    from robogauntlet_mergevla.checkpoints.merge_experts import Merging
 
 NUMBERS = (3, 6, 9, 15, 20)
 EXPERTS, UNMERGED, ROUTED = "experts", "none-4", "magnitude-2-blind"
@@ -159,13 +159,13 @@ def in_order(tasks: Mapping[str, object]) -> list[str]:
 
 def merged(folder: Path, tasks: Sequence[str], way: str) -> dict[str, str]:
     """Merge the experts of these tasks, unless that is done, and describe the merge."""
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.merging.recipe import Recipe
-    from robogauntlet.policies.mergevla.routing.catalog import fit_routers
-    from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
     from robogauntlet.policies.training.dataset import datasets_of
+    from robogauntlet_mergevla.checkpoints.merge_experts import merge_experts, read_experts
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import save_merged
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.merging.recipe import Recipe
+    from robogauntlet_mergevla.routing.catalog import fit_routers
+    from robogauntlet_mergevla.routing.demonstrations import first_observations
 
     out = folder_of_merge(folder, len(tasks), way)
     description = out / "described.json"
@@ -190,7 +190,7 @@ def folder_of_merge(folder: Path, number: int, way: str) -> Path:
 
 
 def _described(merging: Merging) -> dict[str, str]:
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import tensors_of_parts
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import tensors_of_parts
 
     def both(text: str, *values: float) -> str:
         return f"{{:{text}}} ({{:{text}}})".format(*values)

@@ -10,8 +10,8 @@ from statistics import median
 from string import ascii_lowercase
 from typing import Any
 
-from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet_mergevla.options import expert_folders
 from studies.more_experts.more_experts import NUMBERS, folder_of_experts, folder_of_merge, in_order, merged
 from studies.routing.routers import by_router, interval, observed
 from studies.shared import table_of
@@ -38,10 +38,10 @@ def measure() -> list[dict[str, object]]:
     """A row for each router and number of experts, with its decisions."""
     import torch
 
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.routing.catalog import router
-    from robogauntlet.policies.mergevla.routing.evaluation import evaluate_routers
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import load_merged
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.routing.catalog import router
+    from robogauntlet_mergevla.routing.evaluation import evaluate_routers
 
     torch.set_num_threads(1)
     folder = folder_of_experts()

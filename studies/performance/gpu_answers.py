@@ -17,7 +17,7 @@ from studies.shared import table_of
 
 if TYPE_CHECKING:
     from robogauntlet.policies.contract import Policy
-    from robogauntlet.policies.mergevla.network.config import Architecture
+    from robogauntlet_mergevla.network.config import Architecture
 
 BATCHES = (1, 8, 32)
 SECONDS = 4.0
@@ -34,7 +34,7 @@ COLUMNS = {
 
 def measure() -> list[dict[str, Any]]:
     """Networks of both sizes with random weights."""
-    from robogauntlet.policies.mergevla.network.config import QWEN, TINY
+    from robogauntlet_mergevla.network.config import QWEN, TINY
 
     rows = []
     for name, architecture in (("`tiny`", TINY), ("`qwen2.5-0.5b`, bf16", replace(QWEN, tokenizer="words"))):
@@ -48,10 +48,10 @@ def compared(folder: Path, architecture: "Architecture") -> list[dict[str, Any]]
     """Rows of one size, a batch on the GPU each. Differences are shares of the largest action."""
     import torch
 
-    from robogauntlet.policies.mergevla.network.config import TINY
-    from robogauntlet.policies.mergevla.policies.single_policy import MergeVLAPolicy
-    from tests.policies.mergevla.experts import save_base
-    from tests.policies.mergevla.shared import query
+    from robogauntlet_mergevla.network.config import TINY
+    from robogauntlet_mergevla.policies.single_policy import MergeVLAPolicy
+    from tests.mergevla.experts import save_base
+    from tests.mergevla.shared import query
 
     dtype = torch.float32 if architecture == TINY else torch.bfloat16
     base = save_base(folder / "network", architecture=architecture, dtype=dtype)

@@ -19,12 +19,12 @@ SECONDS = 4.0
 
 def expert_and_merged() -> "tuple[Policy, Policy]":
     """An expert, and an oracle-routed policy merged from the experts of all tasks."""
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.network.config import TINY
-    from robogauntlet.policies.mergevla.policies.merged_policy import MergedPolicy
-    from robogauntlet.policies.mergevla.policies.single_policy import MergeVLAPolicy
-    from robogauntlet.policies.mergevla.routing.catalog import router
-    from tests.policies.mergevla.experts import merging, save_experts
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.network.config import TINY
+    from robogauntlet_mergevla.policies.merged_policy import MergedPolicy
+    from robogauntlet_mergevla.policies.single_policy import MergeVLAPolicy
+    from robogauntlet_mergevla.routing.catalog import router
+    from tests.mergevla.experts import merging, save_experts
 
     with tempfile.TemporaryDirectory() as folder:
         folders = save_experts(Path(folder), TASKS, TINY)
@@ -34,8 +34,8 @@ def expert_and_merged() -> "tuple[Policy, Policy]":
 
 def queries(size: int, experts: int) -> "list[Query]":
     """Queries of episodes of so many tasks in turn."""
-    from robogauntlet.policies.mergevla.network.config import TINY
-    from tests.policies.mergevla.shared import query
+    from robogauntlet_mergevla.network.config import TINY
+    from tests.mergevla.shared import query
 
     return [query(seed, TINY.image_size, task=TASKS[seed % experts]) for seed in range(size)]
 

@@ -17,7 +17,7 @@ import psutil
 from studies.shared import GAUNTLET, stored_rows, table_of
 
 if TYPE_CHECKING:
-    from robogauntlet.policies.mergevla.network.config import Architecture
+    from robogauntlet_mergevla.network.config import Architecture
 
 TASKS = ("pybullet/PandaReach-v3", "pybullet/PandaPush-v3", "pybullet/PandaPickAndPlace-v3", "robosuite/Lift")
 PLAYED = TASKS[0]
@@ -140,7 +140,7 @@ class InFolder:
     """What has to be there before the commands, made in a process of its own."""
 
     def __init__(self, folder: Path, architecture: "Architecture | None" = None) -> None:
-        from robogauntlet.policies.mergevla.network.config import QWEN
+        from robogauntlet_mergevla.network.config import QWEN
 
         self.folder, self.architecture = folder, architecture or QWEN
 
@@ -148,7 +148,7 @@ class InFolder:
         """A released Prismatic checkpoint in bf16, with its own names."""
         import torch
 
-        from tests.policies.mergevla.released import synthetic
+        from tests.mergevla.released import synthetic
 
         torch.manual_seed(0)
         shapes = synthetic.prismatic(self.architecture)
@@ -160,12 +160,12 @@ class InFolder:
         """An expert for each task: random adapters, and a trunk of its own initialisation, as the paper's have."""
         import torch
 
-        from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
-        from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
-        from robogauntlet.policies.mergevla.network.config import LoraSettings
-        from robogauntlet.policies.mergevla.network.lora import add_lora
-        from robogauntlet.policies.mergevla.network.model import trunk
-        from tests.policies.mergevla.shared import task_statistics
+        from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
+        from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
+        from robogauntlet_mergevla.network.config import LoraSettings
+        from robogauntlet_mergevla.network.lora import add_lora
+        from robogauntlet_mergevla.network.model import trunk
+        from tests.mergevla.shared import task_statistics
 
         lora = LoraSettings(min(RANK, self.architecture.width))
         for seed, task in enumerate(TASKS, start=1):

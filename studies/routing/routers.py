@@ -24,9 +24,9 @@ from studies.tables import WRITTEN
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.routing.contract import FirstObservation
-    from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.routing.contract import FirstObservation
+    from robogauntlet_mergevla.routing.demonstrations import RouterTrainingSet
 
     Scores = Callable[[Sequence[FirstObservation], bool], Tensor]
     """Scores (n, experts) of observations, with the instruction read or hidden."""
@@ -47,8 +47,8 @@ def measure() -> list[dict[str, object]]:
     """Route first observations of all nine tasks by every router and idea, on the shipped merge and the paper's."""
     import torch
 
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import load_merged
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
 
     torch.set_num_threads(1)
     checkpoint = load_merged("zoo:merged")
@@ -77,11 +77,11 @@ def measure() -> list[dict[str, object]]:
 
 def averaged_merge(experts: str) -> MergedModel:
     """The paper's merge of the zoo's experts: task arithmetic with masks, and the mean of their trunks."""
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.merging.recipe import Recipe, TrunkRule
-    from robogauntlet.policies.mergevla.options import expert_folders
     from robogauntlet.policies.zoo import shipped
+    from robogauntlet_mergevla.checkpoints.merge_experts import merge_parts, read_experts
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.merging.recipe import Recipe, TrunkRule
+    from robogauntlet_mergevla.options import expert_folders
 
     folders = dict.fromkeys(expert_folders(shipped(experts)).values())
     recipe = Recipe(operator="ta", trunk=TrunkRule.MEAN, kept_blocks=1)
@@ -125,7 +125,7 @@ def by_router(name: str, model: MergedModel, stored: Mapping[str, Tensor]) -> Sc
     """The scores of a router of the catalogue."""
     import torch
 
-    from robogauntlet.policies.mergevla.routing.catalog import router
+    from robogauntlet_mergevla.routing.catalog import router
 
     def scores(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
         routed = router(name, sees_instruction=sees, stored=stored).route(seen, model)
@@ -136,9 +136,9 @@ def by_router(name: str, model: MergedModel, stored: Mapping[str, Tensor]) -> Sc
 
 def more_frames(model: MergedModel) -> Scores:
     """The classes of `calibrated` with each patch's place, from more frames of the tasks with one scene, unmodified."""
-    from robogauntlet.policies.mergevla.routing import gaussian
-    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of
-    from robogauntlet.policies.mergevla.routing.features import Pooling, features_of, labelled_features
+    from robogauntlet_mergevla.routing import gaussian
+    from robogauntlet_mergevla.routing.catalog import feature_spec_of
+    from robogauntlet_mergevla.routing.features import Pooling, features_of, labelled_features
 
     frames = observed([task for task in model.experts if task not in PAIR], EXPERT_VIEW, FRAMES)
     frames |= observed(PAIR, EXPERT_VIEW, MORE_FRAMES)
@@ -158,10 +158,10 @@ def unlabelled(model: MergedModel, first: RouterTrainingSet) -> dict[str, Scores
     """`self-trained`, and what lost to it: its parts, for one observation and standardised over unlabelled ones."""
     import torch
 
-    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of
-    from robogauntlet.policies.mergevla.routing.deltas import agreement, directions, energies
-    from robogauntlet.policies.mergevla.routing.fitted_router import FittedRouter
-    from robogauntlet.policies.mergevla.routing.self_training import RANK, fit_self_trained
+    from robogauntlet_mergevla.routing.catalog import feature_spec_of
+    from robogauntlet_mergevla.routing.deltas import agreement, directions, energies
+    from robogauntlet_mergevla.routing.fitted_router import FittedRouter
+    from robogauntlet_mergevla.routing.self_training import RANK, fit_self_trained
 
     pool, held_out = (list(chain(*part.values())) for part in (first.frames, first.held_out))
     specs = [feature_spec_of(model.architecture, sees_instruction=sees) for sees in (True, False)]
@@ -208,11 +208,11 @@ def paper_routers(model: MergedModel, experts: str, options: Sequence[str]) -> d
     """The paper's router as coded, by the experts' own projections, and as written; hidden states computed once."""
     import torch
 
-    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_tensors
-    from robogauntlet.policies.mergevla.options import expert_folders
-    from robogauntlet.policies.mergevla.routing.contract import hidden_states
-    from robogauntlet.policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
     from robogauntlet.policies.zoo import shipped
+    from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_tensors
+    from robogauntlet_mergevla.options import expert_folders
+    from robogauntlet_mergevla.routing.contract import hidden_states
+    from robogauntlet_mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
 
     folders = {model.expert_of[task]: folder for task, folder in expert_folders(shipped(experts)).items()}
     own = {expert: load_tensors(folder)[0] for expert, folder in folders.items()}
@@ -261,8 +261,8 @@ def paper_routers(model: MergedModel, experts: str, options: Sequence[str]) -> d
 
 def first_of_demonstrations(model: MergedModel) -> RouterTrainingSet:
     """First observations of the demonstrations in the folder that `DEMONSTRATIONS` names."""
-    from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
     from robogauntlet.policies.training.dataset import datasets_of
+    from robogauntlet_mergevla.routing.demonstrations import first_observations
 
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
     return first_observations(datasets_of([folder], model.experts), model.architecture.cameras)
@@ -270,7 +270,7 @@ def first_of_demonstrations(model: MergedModel) -> RouterTrainingSet:
 
 def observed(tasks: Sequence[str], view: View, seeds: Sequence[int] = SEEDS) -> dict[str, list[FirstObservation]]:
     """First observations of these seeds, clean, rendered once and cached beside the measurements."""
-    from robogauntlet.policies.mergevla.routing.observation_cache import (
+    from robogauntlet_mergevla.routing.observation_cache import (
         ObservationCache,
         file_of,
         load_observations,

@@ -25,10 +25,10 @@ from studies.shared import EXPERT_VIEW, open_task, table_of
 
 if TYPE_CHECKING:
     from robogauntlet.adapters.contract import Observation
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.routing.contract import FirstObservation
-    from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
-    from robogauntlet.policies.mergevla.routing.features import FeatureSpec
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.routing.contract import FirstObservation
+    from robogauntlet_mergevla.routing.demonstrations import RouterTrainingSet
+    from robogauntlet_mergevla.routing.features import FeatureSpec
 
 SEEDS = range(20)
 SENTENCES = {
@@ -106,10 +106,10 @@ def measure() -> list[dict[str, object]]:
     """A row for each router, with the instruction read and hidden: its accuracy under each shift."""
     import torch
 
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of, fit_routers
-    from robogauntlet.policies.mergevla.routing.features import FeatureSpec
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import load_merged
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.routing.catalog import feature_spec_of, fit_routers
+    from robogauntlet_mergevla.routing.features import FeatureSpec
 
     torch.set_num_threads(1)
     model = MergedModel(load_merged("zoo:merged").parts)
@@ -174,7 +174,7 @@ def observed(tasks: Sequence[str]) -> dict[str, list[FirstObservation]]:
 
 
 def _worded(snapshot: Snapshot, observation: Observation, *, rewords: bool) -> Iterator[FirstObservation]:
-    from robogauntlet.policies.mergevla.routing.observation_cache import ObservationCache
+    from robogauntlet_mergevla.routing.observation_cache import ObservationCache
 
     cache = ObservationCache.of(snapshot.task, snapshot.view, [snapshot.seed], [observation])
     (first,) = cache.observations([snapshot.seed])
@@ -191,11 +191,11 @@ def _fitted(
     augments: bool,
 ) -> dict[str, object]:
     """Decisions by shift, and the mean AUROC of clean observations of each task left out of the fit."""
-    from robogauntlet.orchestrator.routing_evaluation.evaluation import detection_of
-    from robogauntlet.policies.mergevla.routing.catalog import FITTED, fitting_features
-    from robogauntlet.policies.mergevla.routing.evaluation import leave_one_out
-    from robogauntlet.policies.mergevla.routing.features import features_of, labelled_features
-    from robogauntlet.policies.mergevla.routing.gaussian import fit
+    from robogauntlet_mergevla.routing.catalog import FITTED, fitting_features
+    from robogauntlet_mergevla.routing.evaluation import leave_one_out
+    from robogauntlet_mergevla.routing.features import features_of, labelled_features
+    from robogauntlet_mergevla.routing.gaussian import fit
+    from robogauntlet_mergevla.routing_evaluation.evaluation import detection_of
 
     fitting = replace(FITTED["calibrated"], augments=augments)
     parts = fitting_features(fitting, model, first.frames, first.held_out, feature_spec)

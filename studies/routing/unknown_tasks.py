@@ -19,10 +19,10 @@ from studies.shared import EXPERT_VIEW, table_of
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.routing.contract import FirstObservation
-    from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
     from robogauntlet.results.analysis.routing import Detection
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.routing.contract import FirstObservation
+    from robogauntlet_mergevla.routing.demonstrations import RouterTrainingSet
 
     Score = Callable[[list[FirstObservation]], Tensor]
 
@@ -39,10 +39,10 @@ def measure() -> list[dict[str, object]]:
     """Score the unknown tasks against all known ones by each detector."""
     import torch
 
-    from robogauntlet.orchestrator.routing_evaluation.evaluation import detection_of
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.routing.evaluation import LeaveOneOutScores
+    from robogauntlet_mergevla.checkpoints.merged_checkpoint import load_merged
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet_mergevla.routing.evaluation import LeaveOneOutScores
+    from robogauntlet_mergevla.routing_evaluation.evaluation import detection_of
 
     torch.set_num_threads(1)
     checkpoint = load_merged("zoo:merged")
@@ -96,10 +96,10 @@ def detectors(
     name: str, model: MergedModel, stored: Mapping[str, Tensor], first: RouterTrainingSet, *, sees: bool
 ) -> tuple[Score, float]:
     """A score of observations, higher for an unknown task, and the threshold that 95 % of held-out ones stay below."""
-    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of
-    from robogauntlet.policies.mergevla.routing.features import features_of
-    from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit
-    from robogauntlet.policies.mergevla.routing.self_training import fit_self_trained
+    from robogauntlet_mergevla.routing.catalog import feature_spec_of
+    from robogauntlet_mergevla.routing.features import features_of
+    from robogauntlet_mergevla.routing.gaussian import GaussianRouterFit
+    from robogauntlet_mergevla.routing.self_training import fit_self_trained
 
     pool, held_out = (list(chain(*part.values())) for part in (first.frames, first.held_out))
     spec = feature_spec_of(model.architecture, sees_instruction=sees)
@@ -124,11 +124,11 @@ def refitted(
     """
     import torch
 
-    from robogauntlet.policies.mergevla.routing.augmentation import augmented
-    from robogauntlet.policies.mergevla.routing.contract import hidden_states
-    from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures
-    from robogauntlet.policies.mergevla.routing.fitted_router import conformal_threshold
-    from robogauntlet.policies.mergevla.routing.gaussian import fit
+    from robogauntlet_mergevla.routing.augmentation import augmented
+    from robogauntlet_mergevla.routing.contract import hidden_states
+    from robogauntlet_mergevla.routing.features import FeatureSpec, LabelledFeatures
+    from robogauntlet_mergevla.routing.fitted_router import conformal_threshold
+    from robogauntlet_mergevla.routing.gaussian import fit
 
     middle = model.architecture.language.layers // 2
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pandas as pd
 
 from robogauntlet.adapters.so101.tasks import OTHER_COLOURS
-from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.results.statistics.rates import wilson_interval
+from robogauntlet_mergevla.options import expert_folders
 from studies.arms import arms
 from studies.merging.operators import percent
 from studies.shared import merged_policy, play_policies, table_of

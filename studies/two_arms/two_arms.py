@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from robogauntlet.policies.mergevla.options import expert_folders
+from robogauntlet_mergevla.options import expert_folders
 from studies.arms import arms
 from studies.shared import merged_policy, play_policies, table_of
 from studies.tables import write_episodes

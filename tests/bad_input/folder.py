@@ -9,8 +9,8 @@ from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import read_run, store_url
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
-from tests.policies.mergevla.experts import save_experts
-from tests.policies.training.test_finetune import dataset
+from tests.mergevla.experts import save_experts
+from tests.mergevla.training.test_finetune import dataset
 from tests.results.synthetic import cells, document, row, run_folder
 
 SUITE = "name: s\npolicies: [random]\ntasks: [null/Reach]\nseeds: {count: 2}\n"

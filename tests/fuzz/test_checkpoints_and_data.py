@@ -7,12 +7,12 @@ import pytest
 from hypothesis import example
 
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, read_tensors
-from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointError, hash_tensors
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.lerobot_format import DatasetError
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.exported_file import open_exported
+from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, read_tensors
+from robogauntlet_mergevla.checkpoints.metadata import CheckpointError, hash_tensors
 from tests.fuzz.damage import damaged_bytes, damaged_value, fuzzed, in_one_line
 
 INFO, TASKS, JOURNAL = "meta/info.json", "meta/tasks.parquet", "meta/robogauntlet.json"

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 import typer
 
-from robogauntlet.orchestrator.cli.policies import (
-    check,
-    demonstrate,
-    finetune,
-    import_released,
-    merge,
-    new,
-    pretrain,
-    routing,
-    serve,
-)
+from robogauntlet.orchestrator.cli.policies import check, demonstrate, import_released, new, serve
+from robogauntlet_mergevla.cli import finetune, merge, pretrain, routing
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 app.command("new")(new.new)

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import print_line
-from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages
-from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS
-from robogauntlet.policies.mergevla.released.names import Kind
 from robogauntlet.support.errors import BadInput, describe_os_error_at
+from robogauntlet_mergevla.checkpoints.metadata import WEIGHTS
+from robogauntlet_mergevla.cli.training_progress import needs_training_packages
+from robogauntlet_mergevla.released.names import Kind
 
 
 def import_released(
@@ -36,8 +36,8 @@ def import_released(
     Weights are read by their names, of the size qwen2.5-0.5b; nothing is downloaded.
     """
     with needs_training_packages():
-        from robogauntlet.policies.mergevla.released.importing import import_released as read
-        from robogauntlet.policies.mergevla.released.importing import save_imported
+        from robogauntlet_mergevla.released.importing import import_released as read
+        from robogauntlet_mergevla.released.importing import save_imported
     try:
         if out_folder.exists() and not (out_folder.is_dir() and not any(out_folder.iterdir())):
             raise BadInput(f"expected a new folder for --out, got '{out_folder}'")

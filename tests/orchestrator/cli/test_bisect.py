@@ -13,9 +13,9 @@ from robogauntlet.orchestrator.runs.checkpoint_search import CheckpointSearch
 from robogauntlet.results.run_document import RunStatus, read_run
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
+from tests.mergevla.experts import save_base
 from tests.orchestrator.runs.checkpoints import write_checkpoints
 from tests.orchestrator.runs.playing import rows_of
-from tests.policies.mergevla.experts import save_base
 
 TASK = ("--task", "null/Reach")
 RATES = (1.0, 1.0, 1.0, 0.0, 0.0)

@@ -4,11 +4,11 @@ from functools import partial
 
 import pytest
 
-from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
-from robogauntlet.policies.mergevla.released import importing
+from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet_mergevla.released import importing
 from tests.full_disk import full_disk
-from tests.policies.mergevla.network.test_pretrained import LITTLE
-from tests.policies.mergevla.released.synthetic import save
+from tests.mergevla.network.test_pretrained import LITTLE
+from tests.mergevla.released.synthetic import save
 
 
 @pytest.fixture(autouse=True)

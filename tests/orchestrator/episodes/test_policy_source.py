@@ -23,12 +23,12 @@ from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerO
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, PolicyFiles
-from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged
-from robogauntlet.policies.mergevla.merging.recipe import Recipe
 from robogauntlet.results.record import outcome_row
 from robogauntlet.suites.episode import Cell, Protocol, View
+from robogauntlet_mergevla.checkpoints.merged_checkpoint import save_merged
+from robogauntlet_mergevla.merging.recipe import Recipe
 from tests.full_disk import no_space
-from tests.policies.mergevla.experts import merging, save_experts
+from tests.mergevla.experts import merging, save_experts
 
 PART = st.text("abc", min_size=1, max_size=3)
 PATH = st.lists(PART, min_size=1, max_size=4).map(lambda parts: Path("/", *parts))

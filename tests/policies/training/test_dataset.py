@@ -14,8 +14,8 @@ import pytest
 
 from robogauntlet.adapters.contract import Body
 from robogauntlet.policies.training.dataset import Demonstrations, find_datasets, pooled_hash
-from robogauntlet.policies.training.dataset_mixture import LARGEST_SHARE, DatasetMixture
 from robogauntlet.policies.training.lerobot_format import DatasetError, decode_png, image_key
+from robogauntlet_mergevla.training.dataset_mixture import LARGEST_SHARE, DatasetMixture
 from tests.errors import one_line_error
 from tests.policies.training.synthetic import recording, write
 

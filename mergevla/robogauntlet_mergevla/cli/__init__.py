@@ -1,0 +1,1 @@
+"""The verbs of MergeVLA: train, merge and evaluate its routers."""

@@ -1,0 +1,1 @@
+"""Training: demonstrations in, checkpoints out. Reads data sets and never drives a simulator."""

@@ -1,0 +1,130 @@
+"""TSV, KnOTS and WUDI on matrices."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+
+from robogauntlet_mergevla.merging.elementwise import task_arithmetic
+from robogauntlet_mergevla.merging.spectral import (
+    interference_reduction,
+    knots,
+    knots_ties,
+    task_singular_vectors,
+    wudi,
+    wudi_adam,
+)
+from tests.mergevla.merging.strategies import random_task_vectors, task_vectors
+
+
+def test_tsv_recovers_orthogonal_deltas_of_low_rank():
+    generator = torch.Generator().manual_seed(0)
+    left = torch.linalg.qr(torch.randn(24, 24, generator=generator, dtype=torch.float64)).Q
+    right = torch.linalg.qr(torch.randn(30, 30, generator=generator, dtype=torch.float64)).Q
+    deltas = [
+        (left[:, i : i + 3] * torch.tensor([3.0, 2.0, 0.5], dtype=torch.float64) @ right[i : i + 3]).float()
+        for i in (0, 3, 6)
+    ]
+    merged = task_singular_vectors({f"expert{i}": {"w": delta} for i, delta in enumerate(deltas)})
+    torch.testing.assert_close(merged["w"], sum(deltas), rtol=1e-5, atol=1e-5)
+
+
+def test_tsv_keeps_as_many_triplets_as_the_matrix_has_for_all_experts_together():
+    experts = random_task_vectors(3, shape=(9, 12))
+    merged = task_singular_vectors(experts)["w"].double()
+    kept = [torch.linalg.svdvals(vector["w"].double())[:3] for vector in experts.values()]
+    # The left and right vectors are orthonormal, so the kept values are those of the result.
+    expected = torch.cat(kept).sort(descending=True).values
+    torch.testing.assert_close(torch.linalg.svdvals(merged), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_knots_leaves_out_singular_values_up_to_its_cutoff():
+    values = torch.tensor([2.0, 1.0, 0.5])
+    merged = knots({"expert": {"w": torch.diag(values)}}, cutoff=0.5)["w"]
+    torch.testing.assert_close(merged, torch.diag(torch.tensor([2.0, 1.0, 0.0])))
+
+
+SPECTRAL = pytest.mark.parametrize("operator", [task_singular_vectors, knots, knots_ties, wudi, wudi_adam])
+
+
+@SPECTRAL
+def test_spectral_operators_sum_weights_that_are_no_matrices(operator):
+    experts = random_task_vectors(3)
+    assert torch.equal(operator(experts)["b"], task_arithmetic(experts)["b"])
+
+
+@SPECTRAL
+def test_a_convolution_is_merged_as_the_matrix_of_its_outputs_by_all_its_inputs(operator):
+    flat = random_task_vectors(3, shape=(6, 36))
+    convolutions = {e: {"w": v["w"].reshape(6, 4, 3, 3)} for e, v in flat.items()}
+    merged = operator(convolutions)["w"]
+    assert merged.shape == (6, 4, 3, 3)
+    assert torch.equal(merged.flatten(1), operator({e: {"w": v["w"]} for e, v in flat.items()})["w"])
+
+
+@settings(max_examples=25)
+@given(experts=task_vectors(min_experts=2))
+def test_knots_as_mergevla_codes_it_is_task_arithmetic_up_to_the_cut_off(experts):
+    cutoff = 1e-4
+    coded, plain = knots(experts, cutoff=cutoff), task_arithmetic(experts)
+    lost = torch.linalg.matrix_norm((coded["block.weight"] - plain["block.weight"]).double(), 2)
+    # U S [V_1 .. V_M] loses at most the cut-off in spectral norm; summing M blocks multiplies that by sqrt M at most.
+    assert lost <= cutoff * math.sqrt(len(experts)) + 1e-5
+    assert torch.equal(coded["block.bias"], plain["block.bias"])
+
+
+def test_knots_ties_trims_and_elects_in_the_shared_space():
+    # Both experts write along one output direction, so that the shared space has one row, and TIES decides on it: of
+    # each the greatest two of five are kept, the sums 3, -4, -2 elect the signs, and those that agree are averaged.
+    direction = torch.tensor([[0.6], [0.8]])
+    a, b = torch.tensor([[3.0, 1.0, -2.0, 0.0, 1.0]]), torch.tensor([[1.0, -4.0, -2.0, 0.5, 0.0]])
+    experts = {"a": {"w": direction @ a}, "b": {"w": direction @ b}}
+    merged = knots_ties(experts, trim=0.6)["w"]
+    torch.testing.assert_close(merged, direction @ torch.tensor([[3.0, -4.0, -2.0, 0.0, 0.0]]))
+
+
+def test_knots_ties_keeps_the_greatest_fifth_by_singular_value_times_direction():
+    # Two output directions of one expert: the second is ten times weaker, so that all that is kept is in the first.
+    first, second = torch.tensor([[5.0, 4.0, 3.0, 2.0, 1.0]]), torch.tensor([[0.1, -0.2, 0.3, -0.4, 0.5]])
+    merged = knots_ties({"a": {"w": torch.cat([first, second - first * (second @ first.T) / (first @ first.T)])}})
+    torch.testing.assert_close(merged["w"], torch.tensor([[5.0, 4.0, 0.0, 0.0, 0.0], [0.0] * 5]), atol=1e-5, rtol=0)
+
+
+def interference(merged, experts):
+    return sum(
+        ((merged["w"] - vector["w"]) @ vector["w"].T).square().sum().item() / vector["w"].square().sum().item()
+        for vector in experts.values()
+    )
+
+
+def test_wudi_has_the_least_interference_that_is_possible():
+    experts = random_task_vectors(3, scale=0.05)
+    deltas = [vector["w"].double() for vector in experts.values()]
+    grams = [delta.T @ delta / delta.square().sum() for delta in deltas]
+    # Setting the gradient to zero: tau sum_m G_m = sum_m tau_m G_m.
+    least = sum(delta @ gram for delta, gram in zip(deltas, grams, strict=True)) @ torch.linalg.pinv(sum(grams))
+    found = interference(wudi(experts, cutoff=0.0), experts)
+    assert found == pytest.approx(interference({"w": least.float()}, experts), rel=1e-4)
+    assert found < interference(task_arithmetic(experts), experts)
+
+
+def test_wudi_leaves_the_sum_where_no_expert_writes_much():
+    experts = {"a": {"w": torch.diag(torch.tensor([1.0, 1e-3]))}, "b": {"w": torch.diag(torch.tensor([1.0, 2e-3]))}}
+    torch.testing.assert_close(wudi(experts)["w"], torch.diag(torch.tensor([1.0, 3e-3])))
+
+
+def test_adam_descends_towards_the_closed_form():
+    experts = random_task_vectors(3, scale=0.05)
+    assert torch.equal(wudi_adam(experts, steps=0)["w"], task_arithmetic(experts)["w"])
+    reached = [interference_reduction(experts, wudi_adam(experts, learning_rate=rate)) for rate in (1e-6, 1e-5, 1e-3)]
+    assert 0 < reached[0] < reached[1] < reached[2] < 1
+    assert interference_reduction(experts, wudi_adam(experts, steps=3000, learning_rate=1e-3)) > 0.99
+
+
+def test_the_reduction_of_interference_is_0_for_the_sum_and_1_for_the_least():
+    experts = random_task_vectors(3)
+    assert interference_reduction(experts, task_arithmetic(experts)) == pytest.approx(0, abs=1e-6)
+    assert interference_reduction(experts, wudi(experts, cutoff=0.0)) == pytest.approx(1)
+    alone = random_task_vectors(1)
+    assert interference_reduction(alone, task_arithmetic(alone)) == 1
