@@ -1,4 +1,4 @@
-"""A model of the paper's size with random weights: imported, merged, routed, and playing an episode on the CPU.
+"""A model of the paper's size with random weights: merged, routed, and playing an episode on the CPU.
 
 `PAPER_SIZE=FOLDER python -m studies performance --measure paper_size` writes 9 GB there, and removes them.
 """
@@ -58,13 +58,10 @@ def measure() -> list[dict[str, Any]]:
 def steps(folder: Path) -> list[dict[str, Any]]:
     """Run the steps in a folder."""
     code = f"from pathlib import Path; from studies.performance.paper_size import *; in_folder(Path({str(folder)!r}))"
-    run(["python", "-c", code + ".released()"], folder)
-    import_ = ["policies", "import", "prismatic", "released.pt", "--tokenizer", "words", "--out", "base"]
-    rows = [row("Prismatic imported as a base", import_, folder, "base")]
-    (folder / "released.pt").unlink()
+    run(["python", "-c", code + ".base()"], folder)
     run(["python", "-c", code + ".experts()"], folder)
     merge = ["policies", "merge", "experts", "--operator", "ties", "--trunk", "mean", "--out", "merged"]
-    rows.append(row("four experts merged: TIES, task masks, averaged trunk, k = 1", merge, folder, "merged"))
+    rows = [row("four experts merged: TIES, task masks, averaged trunk, k = 1", merge, folder, "merged")]
     shutil.rmtree(folder / "experts")
     return rows + played(folder)
 
@@ -144,17 +141,15 @@ class InFolder:
 
         self.folder, self.architecture = folder, architecture or QWEN
 
-    def released(self) -> None:
-        """A released Prismatic checkpoint in bf16, with its own names."""
-        import torch
+    def base(self) -> None:
+        """A base with random weights in bf16."""
+        from robogauntlet_mergevla.checkpoints.expert_checkpoint import save_checkpoint
+        from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
+        from robogauntlet_mergevla.network.model import build
+        from tests.mergevla.shared import task_statistics
 
-        from tests.mergevla.released import synthetic
-
-        torch.manual_seed(0)
-        shapes = synthetic.prismatic(self.architecture)
-        torch.save(
-            {"model": {n: (torch.randn(s) * SPREAD).bfloat16() for n, s in shapes.items()}}, self.folder / "released.pt"
-        )
+        metadata = CheckpointMetadata(self.architecture, task_statistics())
+        save_checkpoint(self.folder / "base", build(self.architecture, seed=0).bfloat16(), metadata)
 
     def experts(self) -> None:
         """An expert for each task: random adapters, and a trunk of its own initialisation, as the paper's have."""

@@ -232,40 +232,7 @@ DEMONSTRATING = {
     "null/Reach --out new --vary instruction": "'instruction' is for evaluation: policies must not see its sentences",
     "null/Reach --out new --vary noise+blur@2": "--vary noise+blur@2: expected",
 }
-IMPORTED = {
-    "nope text --out new": "'nope' is not one of 'mergevla', 'vla-adapter', 'prismatic'",
-    "mergevla nowhere --out new": "expected a folder or file of a released checkpoint, got 'nowhere'",
-    "mergevla text --out new": "expected *.safetensors, *.pt or dataset_statistics.json, got 'text'",
-    "mergevla notes --out new": "expected *.safetensors or *.pt in 'notes', got a folder without any",
-    "mergevla {nul} --out new": "expected text in UTF-8 without control characters",
-    "mergevla {name300} --out new": "expected names of at most 255 bytes",
-    "mergevla base --out new": "expected the 1,437 tensors of 'mergevla', of which 1,437 (action_head.model.",
-    "vla-adapter base --out new": "expected the 1,485 tensors of 'vla-adapter', of which",
-    "prismatic base --out new": "expected the 968 tensors of 'prismatic', of which",
-    "mergevla base base --out new": "expected each tensor once, got action_expert.blocks.0.",
-    "mergevla base --out notes": "expected a new folder for --out, got 'notes'",
-    "mergevla base --out text": "expected a new folder for --out, got 'text'",
-    "prismatic base --out new --seed -1": "--seed",
-}
-RELEASED_FILES = {
-    "x.pt": ("hello", "expected a file of torch.save in 'x.pt', got: "),
-    "y.pt": ("", "expected a file of torch.save in 'y.pt', got: "),
-    "z.pt": (b"\x80\x04\x8c\x05posix\x8c\x06system\x93.", "expected"),
-    "x.safetensors": ("hello", "expected a safetensors file in 'x.safetensors', got a truncated one"),
-    "a/dataset_statistics.json": ("{", "expected the statistics of a data set in 'a/dataset_statistics.json', got: "),
-    "b/dataset_statistics.json": (
-        "[" * 100_000,
-        "expected the statistics of a data set in 'b/dataset_statistics.json'",
-    ),
-    "c/dataset_statistics.json": ('{"a": {"action": 5}}', "'c/dataset_statistics.json', got: "),
-    "d/dataset_statistics.json": (b"\xff", "'d/dataset_statistics.json', got: "),
-}
 CASES = [
-    *(Case(f"policies import {typed}", says) for typed, says in IMPORTED.items()),
-    *(
-        Case(f"policies import mergevla {file} --out new", says, {file: text})
-        for file, (text, says) in RELEASED_FILES.items()
-    ),
     *(Case(PLAY.format(policy), says, MODULES) for policy, says in REFERENCES.items()),
     *(Case(PLAY.format(policy), says) for policy, says in OPTIONS.items()),
     *(Case(SEARCH.format(*typed), says) for typed, says in SEARCHED.items()),

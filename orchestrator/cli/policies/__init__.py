@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from robogauntlet.orchestrator.cli.policies import check, demonstrate, import_released, new, serve
+from robogauntlet.orchestrator.cli.policies import check, demonstrate, new, serve
 from robogauntlet_mergevla.cli import finetune, merge, pretrain, routing
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -13,7 +13,6 @@ app.command("check")(check.check)
 app.command("demonstrate")(demonstrate.demonstrate)
 app.command("pretrain")(pretrain.pretrain)
 app.command("finetune")(finetune.finetune)
-app.command("import")(import_released.import_released)
 app.command("merge")(merge.merge)
 app.command("routing")(routing.routing)
 app.command("serve")(serve.serve)

@@ -1,1 +1,0 @@
-"""Checkpoints that others released, read into ours."""
