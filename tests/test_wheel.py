@@ -144,7 +144,7 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
         assert f"{package}/py.typed" in names
     for name in (
         *(f"suites/{path.name}" for path in (ROOT / "suites").glob("*.yaml")),
-        "adapters/gymnasium/mappings/FetchReach-v4.yaml",
+        "adapters/metaworld/tasks.yaml",
         "results/report/report.css",
         "orchestrator/policy_kit/template/toypolicy.py",
     ):

@@ -1,25 +1,62 @@
-"""The adapter of any gymnasium environment that a mapping file describes. Light: gymnasium is imported on opening."""
+"""The adapter of gymnasium environments, each by a class that says what its numbers mean. Imports no gymnasium."""
+
+from collections.abc import Iterable
+from typing import Any
 
 from robogauntlet.adapters import references
-from robogauntlet.adapters.contract import Simulation, Simulator
-from robogauntlet.adapters.gymnasium.mapping import FILES, definition, load_description
+from robogauntlet.adapters.contract import Simulation, Simulator, TaskDescription
+from robogauntlet.adapters.gymnasium.mapping import Base, EnvironmentMapping, Moment
+from robogauntlet.adapters.gymnasium.tasks import MAPPINGS
 from robogauntlet.suites.episode import View
 
-
-def _open(task: str, view: View) -> Simulation:
-    from robogauntlet.adapters.gymnasium import simulation
-
-    return simulation.open_environment(task, view)
+__all__ = ["Base", "EnvironmentMapping", "Moment", "declare"]
 
 
-SIMULATOR = Simulator(
-    name="gymnasium",
-    title="gymnasium (by mapping file)",
-    tasks={task: load_description(path) for task, path in FILES.items()},
-    modules=("gymnasium",),
+def declare(name: str, title: str, mappings: Iterable[type[EnvironmentMapping]], **more: Any) -> Simulator:
+    """Return a simulator whose tasks are these mappings, for an entry point of the group `robogauntlet.simulators`.
+
+    Args:
+        name: Name of the simulator, and of the entry point.
+        title: Its name for people.
+        mappings: One class for each task.
+        more: Further fields of the `Simulator`, such as `distributions`, whose versions belong to the provenance.
+    """
+    known = {mapping.name: mapping for mapping in mappings}
+
+    def open_task(task: str, view: View) -> Simulation:
+        from robogauntlet.adapters.gymnasium.simulation import GymnasiumSimulation
+
+        return GymnasiumSimulation(known[task](), view)
+
+    return Simulator(
+        name=name,
+        title=title,
+        tasks={task: _description(mapping) for task, mapping in known.items()},
+        open=open_task,
+        **{
+            "modules": ("gymnasium",),
+            "distributions": ("gymnasium",),
+            "environment": {"MUJOCO_GL": "egl"},
+            **more,
+        },
+    )
+
+
+def _description(mapping: type[EnvironmentMapping]) -> TaskDescription:
+    module, colon, _ = mapping.env.partition(":")
+    return TaskDescription(
+        mapping.instruction,
+        mapping.horizon,
+        cameras=mapping.cameras,
+        modules=(module,) if colon else (),
+        goal=mapping.goal,
+    )
+
+
+SIMULATOR = declare(
+    "gymnasium",
+    "gymnasium (by mapping)",
+    MAPPINGS,
     distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "mujoco", "pybullet"),
     references=(references.GYMNASIUM_ROBOTICS, references.MUJOCO),
-    open=_open,
-    definitions={task: definition(path) for task, path in FILES.items()},
-    environment={"MUJOCO_GL": "egl"},
 )

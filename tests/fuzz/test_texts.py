@@ -1,4 +1,4 @@
-"""Suites, configurations, mappings and run documents: whatever a file holds, it is read or refused in plain lines."""
+"""Suites, configurations and run documents: whatever a file holds, it is read or refused in plain lines."""
 
 import json
 from functools import cache
@@ -8,14 +8,9 @@ import yaml
 from hypothesis import example
 from hypothesis import strategies as st
 
-from robogauntlet.adapters.contract import AdapterError
-from robogauntlet.adapters.gymnasium.expressions import check_expression, value_of
-from robogauntlet.adapters.gymnasium.mapping import load_mapping
 from robogauntlet.orchestrator.registry import SHIPPED, load_registry
 from robogauntlet.results.run_document import RunError, read_run
 from robogauntlet.suites.loading import SuiteError, load_config, load_suite
-from tests.adapters.test_gymnasium import REACHER
-from tests.adapters.test_gymnasium_expressions import NAMES
 from tests.fuzz.damage import damaged_bytes, damaged_value, fuzzed, in_one_line
 from tests.results.synthetic import document
 
@@ -24,10 +19,6 @@ CONFIG = {
     "environments": {"null": {"python": "3.11", "requirements": ["numpy==2.0"], "installer": "pip", "inherit": True}},
     "defaults": {"run": {"seeds": 3, "media": False}, "schedule": {"list": {"name": "n"}}},
 }
-EXPRESSIONS = (
-    'unwrapped.data.body("fingertip").xpos[0:2] - 0.5 < -1e3',
-    'norm(observation["goal"][1:3]) >= 0.1 and not info["is_success"]',
-)
 RUN = json.loads(document(3).model_dump_json())
 
 
@@ -59,23 +50,6 @@ def test_a_damaged_configuration(tmp_path, damaged):
     file = tmp_path / "config.yaml"
     file.write_bytes(damaged)
     refusable(lambda: load_config(file, list(registry().simulators)), SuiteError)
-
-
-@fuzzed(damaged_bytes(written(REACHER)) | damaged_value(REACHER).map(written))
-def test_a_damaged_mapping(tmp_path, damaged):
-    file = tmp_path / "Mine.yaml"
-    file.write_bytes(damaged)
-    refusable(lambda: load_mapping(file), AdapterError)
-
-
-@fuzzed(st.sampled_from(EXPRESSIONS).flatmap(lambda text: damaged_bytes(text.encode())))
-@example(damaged=b"-" * 900 + b"1")
-@example(damaged=b"unwrapped.\x0bdata")
-def test_a_damaged_expression(damaged):
-    try:
-        value_of(check_expression(damaged.decode("utf-8", "replace")), NAMES)
-    except ValueError as error:
-        in_one_line(error, 3_000)
 
 
 @fuzzed(damaged_bytes(json.dumps(RUN).encode()) | damaged_value(RUN).map(lambda value: json.dumps(value).encode()))
