@@ -41,7 +41,7 @@ MERGEVLA = ROOT / "mergevla" / "robogauntlet_mergevla"
 LONGEST = 400
 BUDGETS = {
     "orchestrator": 23_870,
-    "adapters": 9_120,
+    "adapters": 8_680,
     "policies": 6_470,
     "mergevla": 8_920,
     "results": 14_290,
