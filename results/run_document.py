@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, field_validator
 
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import Suite
@@ -154,7 +154,7 @@ class RunDocument(_Model):
     store_url: Text | None = None
     """URL of the store (password hidden), or None for the file in the run folder."""
     origin: Literal["local", "imported"] = "local"
-    """Whether the run was played here or came as an exported file, whose author is not trusted."""
+    """Whether the run was played here or came as an exported run, which is rows and nothing to play."""
     started_at: Time
     """Start of the first session (seconds since 1970, UTC)."""
     finished_at: Time | None = None
@@ -169,7 +169,7 @@ class RunDocument(_Model):
     """The command that continues the run."""
     status: RunStatus = RunStatus.RUNNING
     reason: Text | None = None
-    plan: tuple[PlannedCell, ...]
+    plan: Annotated[tuple[PlannedCell, ...], FailFast()]
     unsupported: tuple[Unsupported, ...] = ()
     tasks_left_out: tuple[Text, ...] = ()
     """Tasks of the suite in which a policy that was added to it cannot act."""
@@ -252,6 +252,12 @@ def parse_run(text: str, where: str) -> RunDocument:
             f"{where}: expected a run document of format {FORMAT}, got another one ({place}: {first['msg']}); "
             "read it with the RoboGauntlet that wrote it, or run the suite again"
         ) from None
+
+
+def refuse_imported(folder: Path, document: RunDocument, use: str) -> None:
+    """Refuse a use of an imported run, such as "continued". Raises RunError."""
+    if document.origin == "imported":
+        raise RunError(f"{folder}: an imported run is not {use}; run its suite file: robogauntlet run SUITE")
 
 
 def shortened(message: str) -> str:

@@ -25,6 +25,6 @@ def accept(
         if entry is None:
             raise BadInput(f"no run '{run}' in the history; see: robogauntlet history")
         if entry.imported:
-            raise BadInput(f"{entry.name}: a run of others is never a baseline; play its suite: robogauntlet run SUITE")
+            raise BadInput(f"{entry.name}: a run of others is no baseline; run its suite file: robogauntlet run SUITE")
         history.accept(entry.run_id)
     print_line(f"{entry.name}: later runs of {entry.suite} are compared with it")

@@ -1,4 +1,4 @@
-"""`robogauntlet export`: write a run as one file, or its episodes as datasets."""
+"""`robogauntlet export`: write a run, or its rows, as one file, or its episodes as datasets."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
 from robogauntlet.results.report.formatting import counted, spreadsheet_cell
-from robogauntlet.results.report.parquet import write_parquet
 from robogauntlet.results.run_document import RunDocument, read_run
 from robogauntlet.results.store.arriving import arriving_file
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.results.store.run_archive import export_run
+from robogauntlet.results.store.episodes_parquet import write_parquet
+from robogauntlet.results.store.exported_run import ARCHIVE, export_run
 from robogauntlet.support.errors import BadInput
 
 
@@ -52,7 +52,7 @@ class Outcome(StrEnum):
 
 
 SUFFIXES = {
-    Format.RUN: ".robogauntlet",
+    Format.RUN: ARCHIVE,
     Format.CSV: ".csv",
     Format.PARQUET: ".parquet",
     Format.LEROBOT: "-eval_info.json",
@@ -86,12 +86,17 @@ def export(
     ] = None,
     file: Annotated[
         Path | None,
-        typer.Option("--out", help="File, or folder of datasets, to write; by default named after the run."),
+        typer.Option(
+            "--out",
+            help="File to write, or folder of datasets; by default named after the run. A whole run is an archive if "
+            f"the name ends in {ARCHIVE}, else a folder.",
+        ),
     ] = None,
+    media: Annotated[bool, typer.Option("--media", help="run: with its videos and pictures.")] = False,
     store: StoreUrl = None,
     suite: OwnSuite = None,
 ) -> None:
-    """Write a run as one file, or its episodes as datasets.
+    """Write a run, or its rows, as one file, or its episodes as datasets.
 
     With --format lerobot-dataset, episodes are replayed and recorded frame by frame, for retraining.
     """
@@ -106,13 +111,15 @@ def export(
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
     if policy is not None and form not in (Format.LEROBOT, Format.VLA_EVAL):
         raise BadInput(f"expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got {form}")
+    if media and form is not Format.RUN:
+        raise BadInput(f"expected --media with --format run only, got {form}")
     if form is not Format.RUN:
         _check_new(file)
     try:
         document = read_run(run)
         with closing(Store.open_begun(run, document, store)) as rows:
             if form is Format.RUN:
-                count = export_run(document, rows, file)
+                count = export_run(run, document, rows, file, media=media)
             else:
                 with arriving_file(file) as partial:
                     count = _write(form, document, OpenRun(run, document, store), rows, partial, policy)
@@ -123,8 +130,7 @@ def export(
 
 def _write(form: Format, document: RunDocument, run: OpenRun, rows: Store, file: Path, policy: str | None) -> int:
     if form is Format.PARQUET:
-        write_parquet(file, document, rows)
-        return sum(rows.status_counts().values())
+        return write_parquet(file, document, rows)
     if form is Format.CSV:
         table = run.episodes()
         texts = table.select_dtypes(exclude=["number", "bool"])

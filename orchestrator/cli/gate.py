@@ -11,7 +11,7 @@ from robogauntlet.orchestrator.cli import compare
 from robogauntlet.orchestrator.cli.common import HistoryUrl, NewestRunArgument, StoreUrl, newest_run, open_history
 from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.results.analysis.comparison import Comparison
-from robogauntlet.results.run_document import read_run
+from robogauntlet.results.run_document import read_run, refuse_imported
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.support.errors import BadInput
 
@@ -41,6 +41,7 @@ def gate(
         raise BadInput(f"{run}: with --store, name the run to compare it with: --baseline RUN")
     options = {"only": policy or [], "allowed": frozenset(allow or []), "alpha": alpha, "margin": margin}
     if baseline is not None:
+        refuse_imported(baseline, read_run(baseline), "a baseline")
         comparison = compare.compare_folders(run, baseline, store, options)
     else:
         comparison = _compare_with_last_good(run, url, options)

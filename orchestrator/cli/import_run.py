@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import (
-    INPUT_ERRORS,
-    HistoryUrl,
-    open_history,
-    print_line,
-    runs_root,
-)
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS, HistoryUrl, open_history, print_line, runs_root
 from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.run_document import RunDocument
-from robogauntlet.results.store import run_archive
+from robogauntlet.results.store import exported_run
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import history_url
 from robogauntlet.support.errors import BadInput, describe, describe_os_error
 
 
 def import_run(
-    file: Annotated[Path, typer.Argument(help="A file that `robogauntlet export` wrote.")],
+    file: Annotated[Path, typer.Argument(help="A file or folder that `robogauntlet export` wrote.")],
     folder: Annotated[Path | None, typer.Option("--out", help="New run folder; by default under runs/.")] = None,
-    store: Annotated[
-        str | None, typer.Option(help="URL of a store for the rows, instead of a file in the run folder.")
-    ] = None,
     url: HistoryUrl = None,
 ) -> None:
-    """Create a run folder from an exported run.
+    """Create a run folder from an exported run, to report and compare its rows.
 
     The report is written, and the run is recorded in the history.
     """
@@ -46,17 +38,17 @@ def import_run(
             known = history.find(document.run_id)
         if known is not None and known.run_id == document.run_id:
             place = known.folder or "a folder that is gone"
-            raise BadInput(f"{file}: run {document.run_id} is in the history already, in {place}; nothing is imported")
+            run = f"run {document.run_id}"
+            raise BadInput(f"{file}: {run} is in the history already, in {place}; nothing is imported")
 
     try:
-        name = folder.name if folder else None
-        run, document = run_archive.import_run(file, root, store=store, name=name, check=check)
+        run, document = exported_run.import_run(file, root, name=folder.name if folder else None, check=check)
         try:
-            write_report(run, store_url=store)
+            write_report(run)
             with open_history(url) as history:
                 record_run_folder(history, run, document)
         except BaseException as error:
-            run_archive.discard(run, document, store)
+            shutil.rmtree(run, ignore_errors=True)
             if not isinstance(error, Exception) or isinstance(error, (*INPUT_ERRORS, OSError)):
                 raise
             raise BadInput(f"{file}: expected a run with a report, it cannot be made: {describe(error)}") from error

@@ -18,7 +18,7 @@ from robogauntlet.orchestrator.cli.common import (
 )
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.playable_suite import playable_suite
-from robogauntlet.results.run_document import read_run
+from robogauntlet.results.run_document import read_run, refuse_imported
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Condition
 from robogauntlet.support.text import counted
@@ -40,6 +40,7 @@ def verify(
 
     folder = folder or newest_run()
     document = read_run(folder)
+    refuse_imported(folder, document, "verified")
     played = playable_suite(document, folder, suite) if sample else None
     with closing(Store.open_begun(folder, document, store)) as rows:
         stored = verify.sample_rows(rows.results(), sample, seed)

@@ -14,7 +14,7 @@ from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progressi
 from robogauntlet.orchestrator.runs.suite_names import PlanError, resolve_names
 from robogauntlet.orchestrator.runs.suite_policies import SuitePolicies, resolve_policies
 from robogauntlet.orchestrator.runs.suite_simulators import resolve_simulators, unavailable_simulators
-from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
+from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported, refuse_imported
 from robogauntlet.suites.checks import training_seeds
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.loading import REQUIRED, SuiteError, problem_at
@@ -204,11 +204,9 @@ def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:
 
     Raises:
         PlanError: The plan differs from the run; the message says how.
+        RunError: The run was imported.
     """
-    if document.origin != "local":
-        raise PlanError(
-            f"{folder}: an imported run is not continued; play the suite in a folder of your own: --out NEW"
-        )
+    refuse_imported(folder, document, "continued")
     if plan.suite_hash == document.suite_hash:
         return
     if plan.suite_hash == UNKNOWN and plan.unchecked:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robogauntlet.results.media_paths import SHARED_BY, picture_path, snapshot_path, videos_folder
+from robogauntlet.results.media_paths import SHARED_BY, is_own_file, picture_path, snapshot_path, videos_folder
 from robogauntlet.results.record import Status, outcome_text
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.summary import ReportPaths
@@ -106,7 +106,7 @@ def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budg
     `episodes.parquet`. If the videos exceed `budget` bytes, representative videos have priority, then smaller files.
     """
     names = {cell.policy_digest: cell.policy for cell in document.plan}
-    files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if _is_own_file(folder, path)}
+    files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if is_own_file(folder, path)}
     recorded = _with_video(folder, frame, files)
     recorded = recorded.loc[recorded["status"].astype(str).isin([Status.SUCCESS, Status.FAILURE])]
     recorded = recorded.assign(perturbed=recorded["axis"].astype(str) != CLEAN)
@@ -171,17 +171,9 @@ def _strip(folder: Path, task: str, axis: str, severities: Sequence[int]) -> Str
     return Strip(task, tuple(snapshots))
 
 
-def _is_own_file(folder: Path, path: Path) -> bool:
-    """Whether a path is a file of the run folder: no device or pipe, and no link to the reader's own files."""
-    try:
-        return path.is_file() and path.resolve(strict=True).is_relative_to(folder.resolve(strict=True))
-    except (OSError, RuntimeError):  # links in a circle
-        return False
-
-
 def _read_picture(folder: Path, path: Path) -> bytes:
     """The content of a picture of the run. Raises OSError."""
-    if not _is_own_file(folder, path):
+    if not is_own_file(folder, path):
         raise FileNotFoundError(path)
     return read_regular(path)
 

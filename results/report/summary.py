@@ -23,6 +23,7 @@ from robogauntlet.results.report.findings import findings
 from robogauntlet.results.report.formatting import spreadsheet_cell
 from robogauntlet.results.run_document import Provenance, RunDocument, RunStatus
 from robogauntlet.results.statistics.rates import CONFIDENCE
+from robogauntlet.results.store.episodes_parquet import EPISODES_FILE
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import SuccessRule
 
@@ -59,7 +60,7 @@ class ReportPaths:
     @classmethod
     def in_folder(cls, folder: Path) -> ReportPaths:
         """Return the paths of the report of a run folder."""
-        names = ("report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv")
+        names = ("report.html", "report.md", "summary.json", EPISODES_FILE, "cells.csv")
         return cls(*(folder / name for name in names))
 
 

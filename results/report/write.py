@@ -12,11 +12,12 @@ from robogauntlet.results.analysis.tables import build_tables
 from robogauntlet.results.report.markdown import render_markdown
 from robogauntlet.results.report.media import VIDEO_BUDGET, collect_media
 from robogauntlet.results.report.page import render_page
-from robogauntlet.results.report.parquet import read_frame, write_parquet
+from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.summary import Report, ReportPaths, build_summary, render_csv
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.run_owner import is_own
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.episodes_parquet import write_parquet
 from robogauntlet.support.files import replacing, write_whole
 
 

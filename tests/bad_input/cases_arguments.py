@@ -78,7 +78,7 @@ TEXTS = (
     *("verify {}", "compare {}", "compare runs/monday {}", "compare runs/monday --out {}", "gate {}"),
     *("gate runs/tuesday --baseline {}", "history {}", "history --suite {}", "history p --out {}", "leaderboard {}"),
     *("accept {}", "forget {}", "export {}", "export runs/monday --out {}", "import {}"),
-    *("import run.robogauntlet --out {}", "log {} --to mlflow", "serve --host {}", "serve --public-url {}"),
+    *("import run.zip --out {}", "log {} --to mlflow", "serve --host {}", "serve --public-url {}"),
     *("schedule add {} suite.yaml --cron @daily", "schedule add n {} --cron @daily", "schedule remove {}"),
     *("schedule add n suite.yaml --cron {}", "schedule add n suite.yaml --cron @daily --timezone {}"),
     *("schedule run-now {}", "schedule list --name {}", "axes show {}", "axes sheet {} --out x.png"),

@@ -70,7 +70,7 @@ URLS = {
 }
 STORE_USERS = (
     *("run suite.yaml --out new --store '{}'", "report runs/monday --store '{}'", "verify runs/monday --store '{}'"),
-    *("history --history '{}'", "serve --port 0 --history '{}'", "import run.robogauntlet --store '{}' --out new"),
+    *("history --history '{}'", "serve --port 0 --history '{}'"),
     *("accept monday --history '{}'", "schedule list --history '{}'"),
 )
 QUERIES = table(
@@ -134,7 +134,7 @@ QUERIES = table(
             ("gate runs/tuesday --baseline runs/monday --format json --out {}", "a comparison"),
             ("policies routing zoo --json {}", "results of routers"),
         )
-        for file in ("runs/monday/episodes.sqlite", "runs/monday/run.json", "suite.yaml", "run.robogauntlet", "text")
+        for file in ("runs/monday/episodes.sqlite", "runs/monday/run.json", "suite.yaml", "run.zip", "text")
     ),
     ("compare runs/monday --out /dev/zero", "/dev/zero: expected a file to write, this is a device, no regular file"),
     ("gate runs/tuesday --policy x", "runs/tuesday: the run has no policy 'x'; known: p, q"),

@@ -313,7 +313,7 @@ ELSEWHERE = [
     Case("validate suit.yaml", "no such file; did you mean suite.yaml?"),
     Case("validate smok", "no such file, and no shipped suite of that name; did you mean 'smoke'?"),
     Case("validate notes", "expected a suite file, this is a directory"),
-    Case("validate run.robogauntlet", "expected UTF-8 text"),
+    Case("validate run.zip", "expected UTF-8 text"),
     Case("validate text/suite.yaml", "cannot be read: Not a directory"),
     Case("validate bad.yaml other.yaml", "bad.yaml\nother.yaml", {"bad.yaml": "5", "other.yaml": "[]"}),
     Case("plan bad.yaml", "unknown policy", {"bad.yaml": suite(policies="[oracel]")}),

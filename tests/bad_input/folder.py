@@ -8,7 +8,7 @@ from pathlib import Path
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import read_run, store_url
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.results.store.run_archive import export_run
+from robogauntlet.results.store.exported_run import export_run
 from tests.mergevla.experts import save_experts
 from tests.mergevla.training.test_finetune import dataset
 from tests.results.synthetic import cells, document, row, run_folder
@@ -29,7 +29,7 @@ def fill(folder: Path) -> None:
     for number, day in enumerate(("monday", "tuesday")):
         _save(folder / "runs" / day, run_id=f"{number}{RUN_ID[1:]}", started_at=1.0 + number)
     _save(folder / "sent", run_id=f"f{RUN_ID[1:]}", started_at=1.0)  # which the history does not know
-    export(folder / "sent", folder / "run.robogauntlet")
+    export(folder / "sent", folder / "run.zip")
     shutil.rmtree(folder / "sent")
     save_experts(folder, tasks=("null/Reach", "null/Slow"))
     dataset(folder / "data", "Reach", range(2))
@@ -71,7 +71,7 @@ def export(run: Path, file: Path) -> None:
     """Export a run of `fill`."""
     saved = read_run(run)
     with closing(Store.open(store_url(run, saved), saved.run_id)) as store:
-        export_run(saved, store, file)
+        export_run(run, saved, store, file)
 
 
 def _save(folder: Path, **changes) -> None:

@@ -5,6 +5,7 @@ from contextlib import closing
 import pytest
 
 from robogauntlet.results.run_document import read_run
+from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_history import History
 from robogauntlet.support.files import exclusive
 from tests.orchestrator.cli.test_compare import bad, good, save
@@ -45,9 +46,9 @@ def test_a_later_run_in_the_folder_of_a_forgotten_one_is_recorded(run_command, r
 
 
 def test_a_forgotten_run_comes_back_by_its_import(run_command, runs):
-    run_command("export", "runs/monday", "--out", "monday.robogauntlet")
+    run_command("export", "runs/monday", "--out", "monday.zip")
     run_command("forget", "monday", "--delete")
-    assert run_command("import", "monday.robogauntlet", "--out", "runs/again").code == 0
+    assert run_command("import", "monday.zip", "--out", "runs/again").code == 0
     assert listed(run_command) == ["tuesday", "again"]
 
 
@@ -73,8 +74,13 @@ def test_a_folder_that_has_another_run_is_not_removed(run_command, runs):
 
 def test_rows_in_the_historys_own_database_need_delete(run_command, runs, tmp_path):
     url = f"sqlite:///{tmp_path / 'shared.sqlite'}"
-    run_command("export", "runs/monday", "--out", "monday.robogauntlet")
-    assert run_command("import", "monday.robogauntlet", "--out", "x/monday", "--store", url, "--history", url).code == 0
+    shared = read_run(runs / "monday").model_copy(update={"store_url": url})
+    with (
+        closing(Store.open(url, shared.run_id)) as there,
+        closing(Store.open_begun(runs / "monday", read_run(runs / "monday"))) as rows,
+    ):
+        History(there.database).record(shared, tmp_path / "x" / "monday")
+        there.add(list(rows.results()))
     assert "expected --delete" in run_command("forget", "monday", "--history", url).refusal
     assert "160 rows in it" in run_command("forget", "monday", "--history", url, "--delete").out
     with closing(History.open(url)) as history:

@@ -90,9 +90,9 @@ def test_the_leaderboard_gives_letters_and_no_ranks(run_command, runs):
 
 
 def test_a_run_is_exported_and_imported_as_one_file(run_command, runs, tmp_path):
-    assert run_command("export", "runs/monday").out == "160 episodes into monday.robogauntlet\n"
+    assert run_command("export", "runs/monday").out == "160 episodes into monday.zip\n"
     history = f"sqlite:///{tmp_path}/elsewhere/history.sqlite"
-    result = run_command("import", "monday.robogauntlet", "--out", "elsewhere/monday", "--history", history)
+    result = run_command("import", "monday.zip", "--out", "elsewhere/monday", "--history", history)
     assert result.code == 0
     assert (tmp_path / "elsewhere" / "monday" / "report.html").exists()
     assert "complete, imported" in run_command("history", "--history", history).out
@@ -179,8 +179,8 @@ def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs
 
 
 def test_an_output_beside_a_folder_that_is_not_there_makes_no_such_folder(run_command, runs, tmp_path):
-    assert run_command("export", "runs/monday", "--out", "missing/../monday.robogauntlet").code == 0
-    assert (tmp_path / "monday.robogauntlet").is_file()
+    assert run_command("export", "runs/monday", "--out", "missing/../monday.zip").code == 0
+    assert (tmp_path / "monday.zip").is_file()
     assert not (tmp_path / "missing").exists()
 
 

@@ -10,7 +10,7 @@ from robogauntlet.results.media_paths import video_path, videos_folder
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import read_run, store_url, write_run
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.results.store.run_archive import export_run
+from robogauntlet.results.store.exported_run import export_run
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.schema import policy_entry
 from tests.results.synthetic import document, execute, row, run_folder
@@ -29,7 +29,7 @@ def played(root, *policies, digest="0" * 16, **changes):
     run = document(2, of=of, **{**values, **changes})
     folder = run_folder(root / "theirs", run, results, own=False)
     with closing(Store.open(store_url(folder, run), run.run_id)) as store:
-        export_run(run, store, root / "run.robogauntlet")
+        export_run(folder, run, store, root / "run.zip")
     return folder
 
 
@@ -47,13 +47,9 @@ VERBS = {
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("form", ["imported", "copied"])
-def test_a_command_of_the_author_is_not_executed(run_command, tmp_path, form, verb):
+def test_a_command_of_the_author_is_not_executed(run_command, tmp_path, verb):
     evil, marker = popen(tmp_path / "stolen"), tmp_path / "stolen"
     folder = played(tmp_path, evil, digest=catalog.digest("python", evil["options"]))
-    if form == "imported":
-        assert run_command("import", tmp_path / "run.robogauntlet").code == 0
-        folder = IMPORTED
     line = run_command(*(str(folder) if word == "FOLDER" else word for word in VERBS[verb])).refusal
     assert "you did not play this run in this folder" in line
     assert line.endswith("play it from a suite file of yours: --suite FILE")
@@ -83,13 +79,32 @@ def test_a_run_of_ones_own_is_played_from_its_document(run_command, tmp_path):
     assert "policy 'oracle' has changed since the run" in run_command("verify", folder).refusal
 
 
-def test_an_imported_run_is_not_continued(run_command, tmp_path):
+REFUSED = {
+    "run": (("run", "small.yaml", "--out", IMPORTED), "continued"),
+    "replay": (("replay", "--run", IMPORTED, *VERBS["replay"][3:], "--suite", "small.yaml"), "played again"),
+    "verify": (("verify", IMPORTED, "--suite", "small.yaml"), "verified"),
+    "verify of rows": (("verify", IMPORTED, "--sample", "0"), "verified"),
+    "export": (("export", IMPORTED, *VERBS["export"][2:], "--suite", "small.yaml"), "played again"),
+    "gate": (("gate", "theirs", "--baseline", IMPORTED), "a baseline"),
+}
+
+
+@pytest.mark.parametrize(("words", "use"), REFUSED.values(), ids=REFUSED)
+def test_an_imported_run_is_rows_and_is_not_played(run_command, tmp_path, words, use):
+    evil, marker = popen(tmp_path / "stolen"), tmp_path / "stolen"
+    played(tmp_path, evil, digest=catalog.digest("python", evil["options"]))
+    assert run_command("import", tmp_path / "run.zip").code == 0
+    suite = "name: small\npolicies: [{name: evil, kind: oracle}]\ntasks: [null/Reach]\nseeds: {count: 2}\n"
+    (tmp_path / "small.yaml").write_text(suite)
+    line = run_command(*words).refusal
+    assert line == f"{IMPORTED}: an imported run is not {use}; run its suite file: robogauntlet run SUITE"
+    assert not marker.exists()
+
+
+def test_an_imported_run_is_compared_with_ones_own(run_command, tmp_path):
     played(tmp_path, "oracle")
-    assert run_command("import", tmp_path / "run.robogauntlet").code == 0
-    suite = tmp_path / "small.yaml"
-    suite.write_text("name: small\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
-    line = run_command("run", suite, "--out", IMPORTED).refusal
-    assert line == f"{IMPORTED}: an imported run is not continued; play the suite in a folder of your own: --out NEW"
+    assert run_command("import", tmp_path / "run.zip").code == 0
+    assert run_command("compare", IMPORTED, "theirs").code == 0
 
 
 def test_an_import_never_takes_the_place_of_a_run(run_command, tmp_path):
@@ -98,7 +113,7 @@ def test_an_import_never_takes_the_place_of_a_run(run_command, tmp_path):
     shutil.move(folder, tmp_path / "runs" / "monday")
     run_folder(tmp_path / "runs" / "monday", read_run(tmp_path / "runs" / "monday"), [])
     before = run_command("history").out
-    line = run_command("import", tmp_path / "run.robogauntlet").refusal
+    line = run_command("import", tmp_path / "run.zip").refusal
     assert line.endswith(f"is in the history already, in {tmp_path}/runs/monday; nothing is imported")
     assert not (tmp_path / IMPORTED).exists()
     assert run_command("history").out == before
@@ -106,22 +121,25 @@ def test_an_import_never_takes_the_place_of_a_run(run_command, tmp_path):
 
 def test_an_import_from_the_future_is_refused(run_command, tmp_path):
     played(tmp_path, "oracle", started_at=7.2e9)
-    line = run_command("import", tmp_path / "run.robogauntlet").refusal
+    line = run_command("import", tmp_path / "run.zip").refusal
     assert "expected a start in the past, got 2198-" in line
     assert not (tmp_path / IMPORTED).exists()
 
 
 def test_an_imported_run_is_no_baseline_and_on_a_leaderboard_only_if_asked_for(run_command, tmp_path):
     played(tmp_path, "oracle")
-    assert run_command("import", tmp_path / "run.robogauntlet").code == 0
-    assert "a run of others is never a baseline" in run_command("accept", "small-01234567").refusal
+    assert run_command("import", tmp_path / "run.zip").code == 0
+    assert (
+        "a run of others is no baseline; run its suite file: robogauntlet run SUITE"
+        in run_command("accept", "small-01234567").refusal
+    )
     assert "runs of others count with --imported" in run_command("leaderboard", "small").refusal
     assert "small-01234567 (imported)" in run_command("leaderboard", "small", "--imported").out
 
 
 def test_an_imported_run_says_so(run_command, tmp_path):
     played(tmp_path, "oracle")
-    assert run_command("import", tmp_path / "run.robogauntlet").code == 0
+    assert run_command("import", tmp_path / "run.zip").code == 0
     folder = tmp_path / IMPORTED
     assert read_run(folder).origin == "imported"
     assert run_command("report", folder).code == 0
@@ -132,7 +150,7 @@ def test_an_imported_run_says_so(run_command, tmp_path):
 def test_a_command_of_the_author_is_not_shown_to_be_pasted(run_command, tmp_path, form):
     folder = played(tmp_path, "oracle")
     if form == "imported":
-        assert run_command("import", tmp_path / "run.robogauntlet").code == 0
+        assert run_command("import", tmp_path / "run.zip").code == 0
         folder = tmp_path / IMPORTED
     write_run(folder, read_run(folder).model_copy(update={"media_left_out": 3}))
     assert run_command("report", folder).code == 0
@@ -162,4 +180,4 @@ def test_rows_of_others_do_not_become_ones_own_where_their_run_is_continued(run_
     assert again.code == 0
     assert "you did not begin this run in this folder" in again.err
     assert "complete, imported" in run_command("history").out
-    assert "is never a baseline" in run_command("accept", "theirs").refusal
+    assert "is no baseline" in run_command("accept", "theirs").refusal
