@@ -204,7 +204,7 @@ _LAST_OUTCOME = FIELDS.index("error") + 1
 OUTCOME, TELEMETRY = FIELDS[:_LAST_OUTCOME], FIELDS[_LAST_OUTCOME:]
 """Fields that are the same wherever the episode is run, and fields that differ from run to run."""
 BEHAVIOUR = FIELDS[FIELDS.index("path_length") : FIELDS.index("error")]
-"""The part of `OUTCOME` that says how the robot moved and failed. None in rows of versions that did not measure it."""
+"""The part of `OUTCOME` that says how the robot moved and failed. None in rows of errors."""
 CELL = ("policy_digest", "task", "axis", "severity")
 """Fields that identify a cell of a run. The digest, not the name: a renamed policy keeps its episodes."""
 
@@ -225,23 +225,18 @@ _REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if ki
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
     """Return the values of the `OUTCOME` fields, in order. Zeros lose their sign, as in databases.
 
-    Without `BEHAVIOUR` if none was measured, and without `protocol` and `success_rule` if they are empty, so that rows
-    of earlier versions keep their hash.
+    Without `BEHAVIOUR` if none was measured, and without `protocol` and `success_rule` if they are empty, as the
+    published hashes are computed.
     """
-    measured = has_behaviour(result)
+    measured = any(getattr(result, name) is not None for name in BEHAVIOUR)
     empty = (name for name in ("protocol", "success_rule") if not getattr(result, name))
     left_out = {*(() if measured else BEHAVIOUR), *empty}
     values = [(name, getattr(result, name)) for name in OUTCOME if name not in left_out]
     return tuple(value + 0.0 if name in _REAL and value is not None else value for name, value in values)
 
 
-def has_behaviour(result: EpisodeResult) -> bool:
-    """Whether the behaviour in an episode was measured."""
-    return any(getattr(result, name) is not None for name in BEHAVIOUR)
-
-
 def known_kind(failure: object) -> FailureKind | None:
-    """Return the kind that a row's field `failure` names; None if it is empty or of another version."""
+    """Return the kind that a row's field `failure` names; None if it is empty or unknown."""
     return FailureKind(failure) if failure in _KINDS else None
 
 

@@ -22,7 +22,7 @@ from robogauntlet.orchestrator.replay.joined_videos import join_videos
 from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.results.record import BEHAVIOUR, OUTCOME, EpisodeResult, has_behaviour, outcome_text
+from robogauntlet.results.record import OUTCOME, EpisodeResult, outcome_text
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.conditions import change_text
 from robogauntlet.suites.episode import Condition
@@ -209,13 +209,9 @@ def _run_job(job: Job[Row], rows: Sequence[Row], sources: Mapping[str, PolicySou
 
 
 def differences(stored: EpisodeResult, now: EpisodeResult) -> tuple[str, ...]:
-    """A line for each outcome field that differs between two records of an episode, except the policy's name.
-
-    `BEHAVIOUR` is compared where the stored record has it, which those of earlier versions have not.
-    """
-    compared = OUTCOME if has_behaviour(stored) else [name for name in OUTCOME if name not in BEHAVIOUR]
+    """A line for each outcome field that differs between two records of an episode, except the policy's name."""
     return tuple(
         f"{name}: stored {json.dumps(getattr(stored, name))}, now {json.dumps(getattr(now, name))}"
-        for name in compared
+        for name in OUTCOME
         if name != "policy" and getattr(stored, name) != getattr(now, name)
     )

@@ -1,4 +1,4 @@
-"""SQLite and PostgreSQL databases by URL: opening, settings, creation and upgrade of tables, error messages."""
+"""SQLite and PostgreSQL databases by URL: opening, settings, creation of tables, error messages."""
 
 from __future__ import annotations
 
@@ -47,8 +47,6 @@ class Schema:
     version: int
     what: str
     """Name of such a database in messages: "store"."""
-    earlier: frozenset[int] = frozenset()
-    """Versions that lack only tables, and columns that may be null. A database of one is upgraded when it is opened."""
 
 
 class Database:
@@ -62,11 +60,9 @@ class Database:
     def open(cls, url: str, schema: Schema, *, create: bool = True) -> Database:
         """Open the database at an SQLAlchemy URL; create missing tables unless `create` is false.
 
-        A database of an earlier version is upgraded in place.
-
         Raises:
-            StoreError: It cannot be reached, is not a database, or has another version (and stays unchanged), or an
-                earlier one and cannot be written; without `create`: it has no tables of the schema.
+            StoreError: It cannot be reached, is not a database, or has another version (and stays unchanged); without
+                `create`: it has no tables of the schema.
         """
         parsed = parse(url)
         where = _shown(parsed)
@@ -121,14 +117,13 @@ class Database:
         if is_file and create:
             with self.engine.connect() as connection:
                 use_write_ahead_log(connection)
-        upgrading = f"upgrading it from version {version} to {schema.version}: " if version in schema.earlier else ""
-        with self.explained(upgrading), self.engine.begin() as connection:
+        with self.explained(), self.engine.begin() as connection:
             self._complete(connection, schema)
 
     def _version(self, connection: sa.Connection, schema: Schema) -> int | None:
         """The version of the schema's tables, None if their creation was cut short. Raises StoreError for others."""
         version = connection.scalar(sa.select(sa.func.max(schema.version_table.c.version)))
-        if version in (None, schema.version) or version in schema.earlier:
+        if version in (None, schema.version):
             return version
         raise StoreError(
             f"{self.where}: expected a {schema.what} of version {schema.version}, got version {version}; "
@@ -136,24 +131,17 @@ class Database:
         )
 
     def _complete(self, connection: sa.Connection, schema: Schema) -> None:
-        """Create missing tables, columns and indexes, and write the version, all in the connection's transaction."""
+        """Create missing tables and indexes, and write the version, all in the connection's transaction."""
         marker = schema.version_table
         self._wait_for_others(connection, marker.name)
         connection.execute(sa.schema.CreateTable(marker, if_not_exists=True))
-        self._version(connection, schema)  # Another process may have upgraded it meanwhile, to a later version too.
-        inspector = sa.inspect(connection)
+        self._version(connection, schema)  # Another process may have created it meanwhile, in another version too.
         for table in schema.metadata.sorted_tables:
             connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
-            there = {column["name"] for column in inspector.get_columns(table.name)}
-            for column in table.columns:
-                if column.name not in there:
-                    definition = sa.schema.CreateColumn(column).compile(dialect=connection.dialect)
-                    connection.exec_driver_sql(f"ALTER TABLE {table.name} ADD COLUMN {definition}")
             for index in table.indexes:
                 if connection.dialect.name == "postgresql":  # not in the schema, where it would load the dialect
                     index.dialect_kwargs["postgresql_where"] = index.dialect_kwargs["sqlite_where"]
                 connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
-        connection.execute(sa.delete(marker).where(marker.c.version != schema.version))
         connection.execute(self.insert_new(marker).values(version=schema.version))
 
     def _wait_for_others(self, connection: sa.Connection, name: str) -> None:
@@ -198,8 +186,8 @@ class Database:
             yield connection
 
     @contextlib.contextmanager
-    def explained(self, doing: str = "") -> Iterator[None]:
-        """Raise database errors of the block as StoreError with one line, which says what was being done."""
+    def explained(self) -> Iterator[None]:
+        """Raise database errors of the block as StoreError with one line."""
         try:
             yield
         except (sa.exc.DataError, sa.exc.IntegrityError) as error:
@@ -212,7 +200,7 @@ class Database:
                 reason = why_not_opened(self.file) or reason
             if "readonly database" in reason:
                 reason = "expected a store in a place that can be written, which reading takes too; copy it to one"
-            raise StoreError(f"{self.where}: {doing}{reason}") from error
+            raise StoreError(f"{self.where}: {reason}") from error
         except sa.exc.SQLAlchemyError as error:
             raise StoreError(f"{self.where}: {str(error).splitlines()[0]}") from error
         except (OverflowError, TypeError, ValueError) as error:  # of the driver

@@ -1,6 +1,6 @@
 """The tables of a store: runs, the counts of their cells, and their episodes.
 
-A store holds one run (in its folder, or exported) or many. A run's document and counts (`runs`, `cells`) may be in one
+A store holds one run (in its folder) or many. A run's document and counts (`runs`, `cells`) may be in one
 store and its rows (`episodes`) in another, which `folder` or `rows_url` names.
 """
 
@@ -10,12 +10,10 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import BEHAVIOUR, CELL, describe_fields
+from robogauntlet.results.record import CELL, describe_fields
 from robogauntlet.results.store.database import Schema
 
-VERSION = 4
-LATER_COLUMNS: dict[int, tuple[str, ...]] = {2: BEHAVIOUR, 3: ("protocol",), 4: ("success_rule",)}
-"""Columns of `episodes` by the version that they came with, after 1. All may be null."""
+VERSION = 1
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
 
 metadata = sa.MetaData()
@@ -99,9 +97,4 @@ def counted_cells() -> sa.Select[Any]:
     return sa.select(*key, *counts).group_by(*key)
 
 
-def columns_after(version: int) -> tuple[str, ...]:
-    """Columns of `episodes` that came after a version."""
-    return tuple(name for later, names in LATER_COLUMNS.items() if later > version for name in names)
-
-
-SCHEMA = Schema(metadata, _version, VERSION, "store", earlier=frozenset({1, 2, 3}))
+SCHEMA = Schema(metadata, _version, VERSION, "store")

@@ -107,7 +107,7 @@ def test_the_hash_of_rows_differs_for_any_two_outcomes(text, steps, reward, once
     assert (rows_hash([outcome_row(other)]) == rows_hash([outcome_row(ROW)])) == same
 
 
-def test_rows_whose_behaviour_was_not_measured_keep_the_hash_that_version_1_gave_them():
+def test_the_hash_of_rows_leaves_out_a_behaviour_that_was_not_measured():
     results = rows(planned=3, errors=1)
     assert rows_hash(map(outcome_row, results)) == "f273f4cf173fdee0"
     results[1] = dataclasses.replace(results[1], contact_steps=0)

@@ -44,12 +44,6 @@ def test_each_row_gets_its_own_result_or_the_reason_why_its_simulator_gave_none(
 MEASURED = {"path_length": 1.25, "contact_steps": 3, "failure": "dropped"}
 
 
-def test_behaviour_is_not_compared_with_a_row_of_a_version_that_did_not_measure_it():
-    stored, now = (row(cells()[0], 0, "failure", **measured) for measured in ({}, MEASURED))
-    assert differences(stored, now) == ()
-    assert differences(stored, replace(now, steps=99)) == ("steps: stored 100, now 99",)
-
-
 def test_behaviour_is_compared_with_a_row_that_has_it():
     stored = row(cells()[0], 0, "failure", **MEASURED)
     assert differences(stored, replace(stored)) == ()

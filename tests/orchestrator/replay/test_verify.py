@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.replay.replay import differences
 from robogauntlet.orchestrator.replay.verify import sample_rows
-from robogauntlet.results.record import has_behaviour, outcome_row, rows_hash
-from robogauntlet.results.run_document import RunStatus, read_run, write_run
-from tests.orchestrator.runs.playing import play, rows_of
-from tests.results.store.earlier import as_version_1
-from tests.results.synthetic import cells, copied_run, execute, row
+from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.run_document import RunStatus
+from tests.orchestrator.runs.playing import play
+from tests.results.synthetic import cells, execute, row
 
 SUITE = """
 name: nulls
@@ -80,26 +78,6 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played, run_command):
     assert first.startswith("robogauntlet: expected the hash ")
     assert second == f"robogauntlet: {wanted} null/Reach, oracle, clean, seed 1: steps: stored 999, now {steps}"
     assert without.err.splitlines() == [first]
-
-
-@pytest.mark.ray
-def test_a_run_that_version_1_began_is_continued_and_passes(played, tmp_path, run_command):
-    folder = copied_run(played, tmp_path / "run")
-    before = rows_of(folder)
-    execute(folder / "episodes.sqlite", "DELETE FROM episodes WHERE seed > 2")
-    as_version_1(folder / "episodes.sqlite")
-    begun = read_run(folder).model_copy(update={"status": RunStatus.INTERRUPTED, "rows_hash": None})
-    write_run(folder, begun)
-    again = run_command("run", played.parent / "suite.yaml", "--out", folder, "--no-media")
-    assert again.code == 0, again.err
-    assert "continuing: 6 of 10 episodes already done" in again.out + again.err
-    rows = rows_of(folder)
-    assert [has_behaviour(one) for one in rows if one.seed <= 2] == [False] * 6
-    assert [differences(one, other) for one, other in zip(rows, before, strict=True)] == [()] * 10
-    assert read_run(folder).rows_hash == rows_hash(map(outcome_row, rows))
-    done = run_command("verify", folder, "--sample", 10)
-    assert done.code == 0, done.err
-    assert done.out.endswith("10 of 10 episodes replayed: all the same\n")
 
 
 def test_a_folder_that_is_no_run_is_one_line(run_command, tmp_path):
