@@ -33,7 +33,6 @@ FLOORS = {
 UPWARD = {
     "orchestrator.runs.run -> orchestrator.trackers",
     "orchestrator.runs.run_tracking -> orchestrator.trackers",
-    "results.analysis.leaderboard -> results.store",
 }
 """Imports that run against the floors, or from analysis to store, and have yet to be turned round."""
 SOURCE = ROOT / "src" / "robogauntlet"
@@ -44,10 +43,10 @@ BUDGETS = {
     "adapters": 8_680,
     "policies": 6_470,
     "mergevla": 8_920,
-    "results": 14_290,
+    "results": 13_950,
     "suites": 2_880,
     "src/robogauntlet": 1_022,
-    "tests": 49_610,
+    "tests": 48_530,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 64_000

@@ -9,6 +9,7 @@ import typer
 from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, fail, open_history, out, print_json, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.analysis import leaderboard as analysis
+from robogauntlet.results.newest_results import latest_results_per_policy
 from robogauntlet.results.report.history_plot import leaderboard_table
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
@@ -28,7 +29,7 @@ def leaderboard(
     with open_history(url) as history:
         if suite not in history.suites():
             raise BadInput(f"no run of a suite '{suite}'{did_you_mean(suite, history.suites())}")
-        results = list(analysis.latest_results_per_policy(history, suite, fail, imported=imported))
+        results = list(latest_results_per_policy(history, suite, fail, imported=imported))
     if not results:
         others = "" if imported else "; runs of others count with --imported"
         raise BadInput(f"expected a complete run of suite '{suite}', found none{others}")

@@ -15,7 +15,8 @@ from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppSt
 from robogauntlet.orchestrator.dashboard.live_view import live_view, shape_of
 from robogauntlet.orchestrator.dashboard.runs import running
 from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, State
-from robogauntlet.results.analysis.leaderboard import LeaderboardRow, latest_results_per_policy, leaderboard
+from robogauntlet.results.analysis.leaderboard import LeaderboardRow, leaderboard
+from robogauntlet.results.newest_results import latest_results_per_policy
 from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report.history_plot import kind_history_table, new_kinds, plot
 from robogauntlet.results.store.failure_history import kinds_by_run, kinds_in_run

@@ -15,11 +15,6 @@ _NUMBERS = tuple(name for name, (kind, nullable, _) in describe_fields().items()
 """Fields that are numbers or missing. A column of them is `float64` with NaN, also if all are missing."""
 
 
-def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
-    """Read a run's episodes from the store at a URL, see `OpenRun.episodes`. Raises StoreError."""
-    return frame_of(Store.open(url, run_id, create=False), fields)
-
-
 def frame_of(store: Store, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
     """Read the rows of a store, with a column per field, and close it. Raises StoreError."""
     import pandas as pd

@@ -12,9 +12,9 @@ from robogauntlet.results.analysis.leaderboard import (
     COLUMNS,
     PolicyEpisodes,
     compact_letters,
-    latest_results_per_policy,
     leaderboard,
 )
+from robogauntlet.results.newest_results import latest_results_per_policy
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
