@@ -20,15 +20,17 @@ SHIPPED = Path(suites.__file__).parent
 
 
 def find_suite(name: str) -> Path:
-    """The path of a suite file, or of the shipped suite of that name.
+    """The path of a suite file, or of the shipped suite of that name, also beside a folder of that name.
 
     Raises:
         SuiteError: A name without a suffix that is neither.
     """
     path = Path(name)
-    if path.suffix or path.exists():
+    if path.suffix or path.is_file():
         return path
     shipped = {file.stem: file for file in SHIPPED.glob("*.yaml")}
+    if name not in shipped and path.exists():
+        return path
     if name not in shipped:
         files = {file.stem: str(file) for file in sorted(path.parent.glob("*.y*ml"))}
         near = get_close_matches(path.name, [*files, *shipped], n=1, cutoff=0.6)

@@ -1,5 +1,7 @@
 """Plans of suites, and reasons for what cannot be planned."""
 
+from pathlib import Path
+
 import pytest
 
 from robogauntlet.adapters import catalog
@@ -256,3 +258,11 @@ def test_a_task_cannot_have_a_condition_with_an_axis_that_it_lacks():
     combined = Condition("noise@2+table@1.5", 1)
     assert why_impossible(combined, "null/Reach").endswith("does not let its table be adjusted")
     assert why_impossible(combined, "pybullet/PandaReach-v3") is None
+
+
+def test_a_shipped_suite_is_found_beside_a_folder_of_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mergevla").mkdir()
+    assert find_suite("mergevla").name == "mergevla.yaml"
+    (tmp_path / "own").mkdir()
+    assert find_suite("own") == Path("own")
