@@ -199,7 +199,7 @@ def test_the_pages_keep_to_their_budget_of_words():
 
 
 def test_tests_have_the_same_packages_as_the_source():
-    of_tests = ("data", "bad_input", "chaos", "fuzz")
+    of_tests = ("data", "bad_input", "chaos", "fuzz", "golden")
     folders = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests").rglob("test_*.py")} - {Path()}
     places = {path: (MERGEVLA if path.parts[0] == "mergevla" else SOURCE / path.parts[0]) for path in folders}
     strays = [path for path, place in places.items() if not place.joinpath(*path.parts[1:]).is_dir()]
