@@ -19,6 +19,7 @@ from robogauntlet.results.store.episodes_parquet import EPISODES_FILE
 from robogauntlet.support.files import open_regular
 
 LARGEST_ARCHIVE = 64 * 2**30
+"""Largest size of an archive, and of all its files (bytes)."""
 LARGEST = {RUN_FILE: 16 * 2**20, EPISODES_FILE: 8 * 2**30}
 """Files that every exported run has, with their largest sizes (bytes)."""
 LARGEST_MEDIUM = 2**30
@@ -96,6 +97,8 @@ def _in_archive(archive: zipfile.ZipFile, source: Path) -> dict[str, ExportedFil
     found = archive.infolist()
     if len(found) > MOST_FILES:
         raise _refused(source, f"it has more than {MOST_FILES:,} files")
+    if sum(entry.file_size for entry in found) > LARGEST_ARCHIVE:
+        raise _refused(source, f"its files are together larger than {LARGEST_ARCHIVE:,} bytes")
     files: dict[str, ExportedFile] = {}
     for entry in found:
         name = entry.filename

@@ -243,6 +243,15 @@ def test_a_file_is_not_unpacked_beyond_the_size_that_its_archive_declares(file):
     refuse(file, "it is damaged")
 
 
+def test_files_that_together_unfold_beyond_the_bound_are_refused(file, monkeypatch):
+    videos = [(f"media/videos/{number}.mp4", bytes(10_000)) for number in range(10)]
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in videos:
+            archive.writestr(name, content)
+    monkeypatch.setattr(exported_files, "LARGEST_ARCHIVE", 100_000)
+    refuse(file, "its files are together larger than 100,000 bytes")
+
+
 @pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
 def test_other_methods_of_compression_are_refused(file, method):
     with zipfile.ZipFile(file, "w", method) as archive:
