@@ -20,7 +20,7 @@ from tests.golden.normal import json_text, page_sentences, plain
 RECORDS = HERE / "records"
 IMPORTED = "imported"
 """The kind whose run is compared as it arrives from elsewhere."""
-SUFFIX = ".robogauntlet"
+SUFFIX = ".zip"
 """Of an exported run."""
 PLAN = "plan.json"
 SHOWN = 60
