@@ -152,15 +152,17 @@ def run_now(name: ScheduleName, public_url: PublicUrl = None, url: HistoryUrl = 
     with _open_stores(url) as stores:
         schedule = stores.find(name)
         server = stores.server(notifiers(os.environ), public_url)
+        # Recorded first: a process that serves sees it before it ends.
+        run = stores.schedules.trigger_now(schedule, time.time(), server.folder)
         try:
             with exclusive_server(stores.schedules.database, stores.root):
-                run = stores.schedules.trigger_now(schedule, time.time(), server.folder)
                 print_line(f"{name}: into {run.folder}")
-                run = server.play(schedule, run)
-                while others := [run for run in stores.schedules.scheduled_runs(state=State.DUE) if run.manual]:
-                    server.play(stores.find(others[-1].schedule), others[-1])
+                while waiting := [one for one in stores.schedules.scheduled_runs(state=State.DUE) if one.manual]:
+                    one = run if run in waiting else waiting[-1]
+                    server.play(stores.find(one.schedule), one)
+                played = stores.schedules.scheduled_runs(schedule=name)
+                run = next((one for one in played if one.due_at == run.due_at), run)
         except AlreadyRunning:
-            run = stores.schedules.trigger_now(schedule, time.time(), server.folder)
             print_line(f"{name}: the running schedule server starts it, into {run.folder}")
             return
         entry = stores.history.find(run.run_id or "")

@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
-from filelock import FileLock
-
 from robogauntlet.orchestrator.notifications import Message, message_for
 from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE, Schedule, ScheduledRun, State
@@ -27,6 +25,7 @@ from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
 from robogauntlet.support.errors import last_line
+from robogauntlet.support.files import is_held
 from robogauntlet.support.secret_variables import SERVER_SECRETS
 
 LOG_FILE = "run.log"
@@ -75,13 +74,7 @@ def begin(schedule: Schedule, scheduled_run: ScheduledRun, history_url: str) -> 
 
 def is_running(folder: Path) -> bool:
     """Whether a process writes to this run folder, whoever started it."""
-    if not (folder / LOCK_FILE).exists():
-        return False
-    try:
-        with FileLock(folder / LOCK_FILE, timeout=0):
-            return False
-    except OSError:  # a Timeout is one
-        return True
+    return is_held(folder / LOCK_FILE)
 
 
 def has_ended(folder: Path) -> bool:

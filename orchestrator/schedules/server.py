@@ -33,7 +33,7 @@ from robogauntlet.results.report.history_plot import when
 from robogauntlet.results.store.database import Database, StoreError
 from robogauntlet.results.store.run_history import History
 from robogauntlet.support.errors import BadInput, describe, describe_os_error
-from robogauntlet.support.files import exclusive
+from robogauntlet.support.files import exclusive, is_held
 from robogauntlet.support.text import counted
 
 POLL_S = 1.0
@@ -41,6 +41,7 @@ MAX_KILLS = 3
 """Number of times that the process of a run may be killed before the run is given up."""
 STOP_TIMEOUT_S = 30.0
 """Time for a run to store its rows when the server is stopped (s)."""
+LOCK_FILE = ".schedule.lock"
 _ADVISORY = 0x60D9_4A11
 """Number of the lock on PostgreSQL."""
 
@@ -247,8 +248,20 @@ def exclusive_server(database: Database, root: Path) -> Iterator[None]:
                 with contextlib.suppress(sa.exc.SQLAlchemyError):
                     connection.scalar(sa.select(sa.func.pg_advisory_unlock(_ADVISORY)))
         return
-    with exclusive(root / ".schedule.lock", AlreadyRunning(f"another schedule server runs on {root}")):
+    with exclusive(root / LOCK_FILE, AlreadyRunning(f"another schedule server runs on {root}")):
         yield
+
+
+def is_served(database: Database, root: Path) -> bool:
+    """Whether a process holds `exclusive_server`, which a look does not take. Raises StoreError."""
+    if database.engine.dialect.name != "postgresql":
+        return is_held(root / LOCK_FILE)
+    held = (
+        "SELECT 1 FROM pg_locks WHERE locktype = 'advisory' AND granted AND objid = :number "
+        "AND database = (SELECT oid FROM pg_database WHERE datname = current_database())"
+    )
+    with database.reading() as connection:
+        return connection.scalar(sa.text(held), {"number": _ADVISORY}) is not None
 
 
 def why_unserved(schedule_store: ScheduleStore, root: Path, now: float) -> str | None:
@@ -259,10 +272,7 @@ def why_unserved(schedule_store: ScheduleStore, root: Path, now: float) -> str |
     """
     if not schedule_store.schedules():
         return None
-    try:
-        with exclusive_server(schedule_store.database, root):
-            pass
-    except AlreadyRunning:
+    if is_served(schedule_store.database, root):
         return None
     remedy = "; start one: robogauntlet schedule serve"
     if not (times := schedule_store.unserved(now)):

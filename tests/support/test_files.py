@@ -1,14 +1,24 @@
 """Files of others are regular and bounded; files and folders are written whole or not at all."""
 
+import fcntl
 import os
 import signal
 import socket
 import subprocess
 import sys
+import threading
 
 import pytest
 
-from robogauntlet.support.files import exclusive, new_folder, open_regular, read_regular, replacing, write_whole
+from robogauntlet.support.files import (
+    exclusive,
+    is_held,
+    new_folder,
+    open_regular,
+    read_regular,
+    replacing,
+    write_whole,
+)
 from tests.full_disk import full_disk
 
 
@@ -129,3 +139,18 @@ def test_a_large_file_of_holes_is_refused_and_a_written_one_is_not(tmp_path):
         open_regular(holes)
     with open_regular(written) as file:
         assert file.tell() == 0
+
+
+def test_a_look_at_a_lock_keeps_nobody_from_it(tmp_path):
+    lock = tmp_path / "lock"
+    assert not is_held(lock)
+    with exclusive(lock, ValueError("taken")):
+        assert is_held(lock)
+    with lock.open("wb") as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        assert not is_held(lock)
+        end = threading.Timer(0.1, fcntl.flock, (looking, fcntl.LOCK_UN))
+        end.start()
+        with exclusive(lock, ValueError("taken")):
+            assert is_held(lock)
+        end.join()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import stat
 import tempfile
@@ -21,6 +22,8 @@ MOST_HOLES = 0.9
 """Share of a large file that may be holes, which cost its sender nothing."""
 MOST_EXTENTS = 10_000
 """Parts of a file that are looked at for holes."""
+LOOK_S = 0.5
+"""Time in which a look at a lock is over, also on a busy machine (s)."""
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
     stat.S_IFSOCK: "a socket",
@@ -150,17 +153,29 @@ def exclusive(path: Path, refusal: Exception) -> Iterator[None]:
 
     Args:
         path: The lock file, which is created if necessary.
-        refusal: Raised if another process holds the lock.
+        refusal: Raised if another process holds the lock, and does so for longer than `is_held` takes to look.
 
     Raises:
         OSError: The file cannot be created.
     """
     lock = FileLock(path)
     try:
-        lock.acquire(timeout=0)
+        lock.acquire(timeout=LOOK_S, poll_interval=0.02)
     except Timeout:
         raise refusal from None
     try:
         yield
     finally:
         lock.release()
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process holds a lock file by `exclusive`, or the file cannot be read. Looking keeps nobody from it."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False

@@ -3,11 +3,12 @@
 import re
 import subprocess
 import time
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import replace
 
 import pytest
 
+from robogauntlet.orchestrator.cli import schedule as schedule_verb
 from robogauntlet.orchestrator.schedules.schedule import Schedule, State
 from robogauntlet.orchestrator.schedules.server import Server, exclusive_server
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
@@ -58,6 +59,23 @@ def test_run_now_runs_what_another_asked_for_meanwhile(run_command, suite, monke
     monkeypatch.setattr(Server, "play", play)
     assert run_command("schedule", "run-now", "one").code == 0
     assert played == ["one", "two"]
+
+
+def test_run_now_is_seen_by_a_process_that_is_about_to_end(run_command, suite, monkeypatch):
+    run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily")
+    played = []
+
+    @contextmanager
+    def ending(database, root):
+        """Another process plays what it finds before it releases the lock."""
+        (run,) = (store := ScheduleStore(database)).scheduled_runs(state=State.DUE)
+        store.change(run, state=State.DONE, outcome="by another")
+        yield
+
+    monkeypatch.setattr(schedule_verb, "exclusive_server", ending)
+    monkeypatch.setattr(Server, "play", lambda *arguments: played.append(arguments))
+    assert "nightly: done, by another" in run_command("schedule", "run-now", "nightly").out
+    assert played == []
 
 
 def test_run_now_leaves_the_run_to_a_running_server(run_command, suite, tmp_path):

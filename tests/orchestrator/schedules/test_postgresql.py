@@ -3,7 +3,7 @@
 import pytest
 
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State
-from robogauntlet.orchestrator.schedules.server import AlreadyRunning, exclusive_server
+from robogauntlet.orchestrator.schedules.server import AlreadyRunning, exclusive_server, is_served
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from tests.orchestrator.schedules.test_store import START, folder
 from tests.results.store.test_postgresql import server  # noqa: F401
@@ -26,10 +26,12 @@ def test_postgresql_stores_schedules_and_admits_one_server(server, tmp_path):  #
             exclusive_server(other.database, tmp_path),
         ):
             pass
+        assert is_served(other.database, tmp_path)
         assert "secret" not in schedule_store.database.where
     for store in 20 * (other, schedule_store):
         with exclusive_server(store.database, tmp_path):
             pass
+    assert not is_served(other.database, tmp_path)
     assert schedule_store.remove("nightly")
     schedule_store.close()
     other.close()
