@@ -15,7 +15,6 @@ Conventions, the same in every simulator:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -23,6 +22,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from robogauntlet.adapters.goals import Goal as Goal
 from robogauntlet.suites.episode import CAMERAS, View
 
 ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
@@ -223,44 +223,6 @@ class Delivered:
     """In the unit of its axis; None if it could not be measured, for example if a policy never observes."""
     statistics: Mapping[str, float] = field(default_factory=dict)
     """Further numbers by name, of the first images that the policy received or of the camera that was moved."""
-
-
-@dataclass(frozen=True)
-class Goal:
-    """What a task's robot has to achieve, in entries of `privileged_state`.
-
-    Progress and the kinds of failures are measured with it; success is the task's own predicate.
-    """
-
-    entry: str
-    """Entry that has to change: `cube_position`, `hinge_angle`, or `tcp_position` if the tool itself has to arrive."""
-    to: str = ""
-    """Entry that it has to reach; if empty, `entry` has to change from its value at the start by `offset` or more."""
-    offset: tuple[float, ...] = (0.0,)
-    """From `to`, or from the value at the start (m, rad)."""
-    axes: str = "xyz"
-    """Coordinates that count in the distance from `to`."""
-    tolerance: float = 0.0
-    """Distance at which the goal is reached (m, rad)."""
-    handle: str = ""
-    """Entry with the place that the tool has to go to first; `entry` if empty, which is then a position."""
-    grasped: bool = False
-    """Whether the gripper has to hold it."""
-
-    def __post_init__(self) -> None:
-        """Raise ValueError for a value that cannot be measured; the message has its name."""
-        if not self.entry:
-            raise ValueError("entry: expected the name of an entry of the privileged state")
-        if not self.axes or set(self.axes) - set("xyz") or len(set(self.axes)) != len(self.axes):
-            raise ValueError(
-                f"axes: expected letters out of 'xyz', each at most once, such as 'xy', found {self.axes!r}"
-            )
-        if len(self.offset) not in (1, 3) or not all(math.isfinite(number) for number in self.offset):
-            raise ValueError(f"offset: expected 1 or 3 finite numbers, found {self.offset!r}")
-        if not (math.isfinite(self.tolerance) and self.tolerance >= 0.0):
-            raise ValueError(f"tolerance: expected a finite number, 0 or more, found {self.tolerance!r}")
-        if not self.to and not any(self.offset):
-            raise ValueError(f"offset: expected a change from the start, since there is no 'to', found {self.offset!r}")
 
 
 @dataclass(frozen=True, slots=True)
