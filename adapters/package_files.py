@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from importlib.util import find_spec
 from pathlib import Path
 
 from robogauntlet.adapters.contract import SimulatorUnavailable
 
-OTHER_ENVIRONMENTS: list[Path] = []
-"""Folders `site-packages` in which `folder_of` looks too. Commands that show tasks add those of simulators' own."""
+_further: ContextVar[tuple[Path, ...]] = ContextVar("further", default=())
+
+
+@contextmanager
+def looking_in(folders: Sequence[Path]) -> Iterator[None]:
+    """Look into these folders `site-packages` too, those of a simulator's own environment, while the block runs."""
+    token = _further.set(tuple(folders))
+    try:
+        yield
+    finally:
+        _further.reset(token)
 
 
 def folder_of(module: str) -> Path | None:
     """Return the folder of an installed module, which is not imported, or None."""
     spec = find_spec(module)
     places = [] if spec is None else [Path(place) for place in spec.submodule_search_locations or ()]
-    return next(
-        (place for place in (*places, *(folder / module for folder in OTHER_ENVIRONMENTS)) if place.is_dir()), None
-    )
+    return next((place for place in (*places, *(folder / module for folder in _further.get())) if place.is_dir()), None)
 
 
 @contextmanager

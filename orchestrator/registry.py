@@ -34,8 +34,7 @@ def find_suite(name: str) -> Path:
     if name not in shipped:
         files = {file.stem: str(file) for file in sorted(path.parent.glob("*.y*ml"))}
         near = get_close_matches(path.name, [*files, *shipped], n=1, cutoff=0.6)
-        meant = files.get(near[0], near[0]) if near else None
-        hint = did_you_mean(name, shipped) if meant is None else f"; did you mean '{meant}'?"
+        hint = did_you_mean(name, shipped, meant=[files.get(one, one) for one in near])
         raise SuiteError([Problem(name, None, f"no such file, and no shipped suite of that name{hint}")])
     return shipped[name]
 

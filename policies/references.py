@@ -91,10 +91,10 @@ def _meant(reference: str, folder: Path) -> str:
     """The end of a message about a text that names no policy: what it may have meant."""
     scheme, separator, rest = reference.partition("://")
     if separator and scheme in ("http", "https"):
-        return f"; did you mean 'openpi://{rest}'?"
+        return did_you_mean(reference, (), meant=[f"openpi://{rest}"])
     if (folder / "config.json").is_file() or (reference.startswith("lerobot/") and not folder.exists()):
-        return f"; did you mean 'lerobot:{reference}'?"
+        return did_you_mean(reference, (), meant=[f"lerobot:{reference}"])
     if folder.is_dir():
         return f", a folder without a checkpoint: neither {METADATA_FILE} nor LeRobot's config.json is in it"
     near = get_close_matches(reference, catalog.kinds(), n=1, cutoff=0.7)
-    return f"; did you mean '{near[0]}'?" if near else ""
+    return did_you_mean(reference, (), meant=near) if near else ""

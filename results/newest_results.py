@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 from robogauntlet.results.analysis.leaderboard import COLUMNS, PolicyEpisodes
 from robogauntlet.results.run_document import RunError
@@ -12,10 +11,7 @@ from robogauntlet.results.store.episode_frame import frame_of
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.history_records import rows_url
 from robogauntlet.results.store.run_history import History
-from robogauntlet.suites.episode import ProtocolName, SuccessRule
-
-if TYPE_CHECKING:
-    import pandas as pd
+from robogauntlet.suites.episode import SuccessRule
 
 
 def latest_results_per_policy(
@@ -35,11 +31,11 @@ def latest_results_per_policy(
         if not wanted:
             continue
         try:
+            own = history.document(entry.run_id).suite.success_rule
             rows = frame_of(Store.open(rows_url(entry, history.url), entry.run_id, create=False), COLUMNS)
         except (RunError, StoreError) as error:
             left_out(f"{entry.name} is left out: {error}")
             continue
-        own = _success_rule(rows)
         rule = rule or own
         if own is not rule:
             left_out(f"{entry.name} is left out: it counts success {own}, the newest run {rule}")
@@ -50,11 +46,3 @@ def latest_results_per_policy(
                 found.add(name)
                 run = f"{entry.name} (imported)" if entry.imported else entry.name
                 yield PolicyEpisodes(name, digests[name], run, entry.started_at, of_policy)
-
-
-def _success_rule(rows: pd.DataFrame) -> SuccessRule | None:
-    """The rule by which a run counts success; None if it has no row."""
-    for protocol, rule in rows[["protocol", "success_rule"]].head(1).itertuples(index=False):
-        name = ProtocolName(protocol) if isinstance(protocol, str) else ProtocolName.ROBOGAUNTLET
-        return SuccessRule(rule) if isinstance(rule, str) else name.success_rule
-    return None

@@ -14,6 +14,7 @@ from robogauntlet.suites.registry import Registry
 from robogauntlet.suites.schema import Mistake, Suite, expand_tasks, is_plain, robots_by_task, with_robots
 
 MOST_SEVERE = 5
+"""Severity that no axis exceeds."""
 LIBERO = ("libero", "libero-plus")
 """Simulators that can be played under the protocol `openvla`."""
 MOST_MISTAKES = 100

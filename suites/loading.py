@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -237,10 +236,7 @@ def _message(error: Any, model: type[BaseModel]) -> str:
         case "missing":
             return f"missing key '{place[-1]}'"
         case "extra_forbidden":
-            known = _fields(place, model)
-            near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.5)
-            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(known)}"
-            return f"unknown key '{place[-1]}'{hint}"
+            return f"unknown key '{place[-1]}'{did_you_mean(str(place[-1]), _fields(place, model))}"
         case "too_short":
             return f"{where}: expected at least one entry, found an empty list"
         case "greater_than_equal" | "greater_than" | "less_than_equal" | "less_than":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -100,14 +100,26 @@ def few_hints() -> Iterator[None]:
         _hints_left.reset(token)
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the end of a message about an unknown name: `; did you mean 'X'?`, or the known names."""
+def did_you_mean(name: str, known: Iterable[str], *, meant: Sequence[str] = ()) -> str:
+    """Return the end of a message about an unknown name: `; did you mean 'X'?`, or the known names.
+
+    Args:
+        name: The unknown name.
+        known: What there is; the nearest is named.
+        meant: What `name` surely means, if that is known: one name, or several to choose from.
+    """
     if (left := _hints_left.get()) is not None:
         if not left:
             return ""
         _hints_left.set(left - 1)
+    if len(meant) > 1:
+        return f"; did you mean one of {', '.join(meant)}?"
     known = sorted(known)
-    near = [k for k in known if "/" in name and k.startswith(f"{name}-")] or get_close_matches(name, known, 1, 0.5)
+    near = (
+        [*meant]
+        or [k for k in known if "/" in name and k.startswith(f"{name}-")]
+        or get_close_matches(name, known, 1, 0.5)
+    )
     near = near or [k for k in known if k.split("/")[-1].startswith(name)]
     if near:
         return f"; did you mean '{near[0]}'?"

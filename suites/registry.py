@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from robogauntlet.suites.episode import FIRST_TRAINING_SEED
@@ -34,6 +34,12 @@ class KnownTask:
             else (f"seeds 0 to {states - 1}, since it has {states} stored states")
         )
         return f"expected {there}, which further seeds repeat; got seeds {seeds[0]} to {seeds[-1]}"
+
+
+def stored_states(tasks: Iterable[str], known: Mapping[str, KnownTask]) -> list[int]:
+    """Return the numbers of stored states of those of the tasks that start in some. Unknown tasks are passed over."""
+    found = (known[task].start_states for task in tasks if task in known)
+    return [states for states in found if states is not None]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,7 @@ import sys
 from importlib import import_module
 from typing import Any
 
-from robogauntlet.support.interrupts import raised_interrupts
-
-EXIT_CTRL_C = 130
+from robogauntlet.support.interrupts import EXIT_INTERRUPTED, raised_interrupts
 
 
 def main() -> None:
@@ -22,7 +20,7 @@ def main() -> None:
 
             run_command()
         except KeyboardInterrupt:
-            sys.exit(EXIT_CTRL_C)
+            sys.exit(EXIT_INTERRUPTED)
 
 
 def __getattr__(name: str) -> Any:

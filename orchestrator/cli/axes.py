@@ -105,8 +105,7 @@ def _supporting_tasks(simulator: Simulator, axis: Axis) -> list[str]:
 def _find(name: str) -> Axis:
     if name not in AXES:
         of_part = [axis.name for axis in AXES.values() if name.startswith(str(axis.changes).removesuffix("s"))]
-        meant = f"; did you mean one of {', '.join(of_part)}?" if of_part else did_you_mean(name, AXES)
-        raise BadInput(f"unknown axis '{name}'{meant}")
+        raise BadInput(f"unknown axis '{name}'{did_you_mean(name, AXES, meant=of_part)}")
     return AXES[name]
 
 

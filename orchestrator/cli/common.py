@@ -29,6 +29,7 @@ from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.ranges import LARGEST_IMAGE, MAX_SEEDS, MAX_STEPS, MAX_WORKERS, SMALLEST_IMAGE
 from robogauntlet.suites.selection import SETTINGS, SelectionError
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.interrupts import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from robogauntlet.support.text import visible
 
 INPUT_ERRORS = (
@@ -45,7 +46,6 @@ INPUT_ERRORS = (
 """Exceptions whose messages are for the user. `main` prints them and exits with `EXIT_BAD_INPUT`."""
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 3
-EXIT_INTERRUPTED = 130
 
 TAB = "\t"
 out = Console(highlight=False)

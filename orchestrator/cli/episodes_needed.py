@@ -9,13 +9,14 @@ from typing import Annotated, Any
 
 import typer
 
-from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
+from robogauntlet.orchestrator.registry import load_registry
 from robogauntlet.orchestrator.runs.adaptive_stopping import key_of
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.results.api import open_run
 from robogauntlet.results.run_document import RUN_FILE
+from robogauntlet.suites.registry import stored_states
 from robogauntlet.support.errors import BadInput
 
 LEAST, MOST = 0.01, 99.99
@@ -143,8 +144,7 @@ def answer(plan: Plan, asked: Asked, folder: Path | None, store: str | None) -> 
 
 def _most_seeds(plan: Plan) -> int | None:
     """Seeds from the suite's first on that start each of its tasks differently; None without a limit."""
-    known = task_descriptions()
-    states = [found for task in plan.suite.tasks if (found := known[task].start_states) is not None]
+    states = stored_states(plan.suite.tasks, load_registry().tasks)
     return min(states) - plan.suite.seeds.start if states and plan.suite.seeds.start < min(states) else None
 
 

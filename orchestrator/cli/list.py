@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.package_files import OTHER_ENVIRONMENTS
+from robogauntlet.adapters.package_files import looking_in
 from robogauntlet.orchestrator.cli.common import AsJson, StoreUrl, fail, newest_run, out, print_json, print_line
 from robogauntlet.orchestrator.cli.doctor import broken_plugins
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
@@ -78,7 +78,7 @@ def list_names(
             tuple(policy or ()),
             tuple(task or ()),
             tuple(condition or ()),
-            tuple(map(str, status or Status)),
+            tuple(map(str, status or ())),
             tuple(seed or ()),
         )
         _list_episodes(run or newest_run(), chosen, store, as_json=as_json)
@@ -154,18 +154,17 @@ def _tasks(patterns: Iterable[str]) -> list[Row]:
     for simulator in simulators.simulators().values():
         if simulator.internal:
             continue
-        if (environment := environments.resolve(simulator)) is not None:  # Its files say what policies are told.
-            OTHER_ENVIRONMENTS.extend(environment.site_packages)
-        installed = not environments.missing_reason(simulator)
-        for name, task in simulator.tasks.items():
-            row: Row = {"task": f"{simulator.name}/{name}", "instruction": task.instruction, "horizon": task.horizon}
-            rows.append(row | {"simulator": simulator.title, "installed": installed})
+        environment = environments.resolve(simulator)  # Its files say what policies are told.
+        shared: Row = {"simulator": simulator.title, "installed": not environments.missing_reason(simulator)}
+        with looking_in(() if environment is None else environment.site_packages):
+            for name, task in simulator.tasks.items():
+                row: Row = {"task": f"{simulator.name}/{name}", "instruction": task.instruction}
+                rows.append(row | {"horizon": task.horizon} | shared)
     names = [str(row["task"]) for row in rows]
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in names):
-            in_simulator = any(name.startswith(f"{pattern}/") for name in names)
-            near = f"; did you mean '{pattern}/*'?" if in_simulator else did_you_mean(pattern, names)
-            raise BadInput(f"no task matches '{pattern}'{near}")
+            whole = [f"{pattern}/*"] if any(name.startswith(f"{pattern}/") for name in names) else ()
+            raise BadInput(f"no task matches '{pattern}'{did_you_mean(pattern, names, meant=whole)}")
     chosen = [*patterns] or ["*"]
     return [row for row, name in zip(rows, names, strict=True) if any(fnmatchcase(name, one) for one in chosen)]
 

@@ -113,7 +113,7 @@ def _named(
         needed = {"--policy": policy, "--task": task, "--seed": seed}
         missing = ", ".join(name for name, value in needed.items() if value is None)
         raise BadInput(f"expected an episode's id, or --policy, --task and --seed; got no id and no {missing}")
-    chosen = EpisodeFilter((policy,), (task,), (at,), tuple(map(str, Status)), (seed,))
+    chosen = EpisodeFilter((policy,), (task,), (at,), seeds=(seed,))
     found = chosen.select(document, rows.results())
     if len(found) != 1:
         listed = f"robogauntlet list episodes {folder}"

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from heapq import heappush, heappushpop
 
-from robogauntlet.results.record import EpisodeResult, Status
+from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import PlannedCell, RunDocument
 from robogauntlet.suites.conditions import condition_patterns
 from robogauntlet.suites.episode import Condition, content_hash
@@ -15,7 +15,7 @@ from robogauntlet.suites.selection import match_patterns
 
 @dataclass(frozen=True)
 class EpisodeFilter:
-    """Selects episodes of a run; all failures by default."""
+    """Selects episodes of a run, all by default."""
 
     policies: tuple[str, ...] = ()
     """Names, or patterns."""
@@ -23,7 +23,8 @@ class EpisodeFilter:
     """`simulator/task`, or patterns."""
     conditions: tuple[str, ...] = ()
     """`clean`, `noise@3`, `noise` for all severities, or patterns such as `n*@4`."""
-    statuses: tuple[str, ...] = (str(Status.FAILURE),)
+    statuses: tuple[str, ...] = ()
+    """`success`, `failure` or `error`; all without one."""
     seeds: tuple[int, ...] = ()
     """Seeds; all without one."""
     limit: int | None = None
@@ -46,7 +47,9 @@ class EpisodeFilter:
         drawn: dict[str, list[tuple[int, str, EpisodeResult]]] = {}
         for row in rows:
             is_named = row.policy in policies and row.task in tasks and condition_of(row) in conditions
-            if not is_named or row.status not in self.statuses or (self.seeds and row.seed not in self.seeds):
+            if not is_named or row.status not in (self.statuses or (row.status,)):
+                continue
+            if row.seed not in (self.seeds or (row.seed,)):
                 continue
             heap = drawn.setdefault(row.task, [])
             entry = (-int(content_hash(row.episode_id), 16), row.episode_id, row)

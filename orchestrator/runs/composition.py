@@ -14,15 +14,16 @@ import yaml
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.registry import load_registry
 from robogauntlet.orchestrator.runs.plan import Plan, make_plan
+from robogauntlet.suites.checks import MOST_SEVERE
 from robogauntlet.suites.conditions import read_axis
 from robogauntlet.suites.episode import CAMERAS, CLEAN
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.registry import stored_states
 from robogauntlet.suites.schema import MAX_NAME, PolicyEntry, expand_tasks, valid_name
 from robogauntlet.support.errors import BadInput
 
 SUITE_FILE = "suite.yaml"
 """The suite in the folder of a run without a suite file."""
-MOST_SEVERE = 5
 SEEDS = 20
 """Number of seeds, if none is given and the tasks have as many stored states, or store none."""
 RUNS = Path("runs")
@@ -67,7 +68,8 @@ def compose_plan(
         PlanError: The suite cannot be run.
     """
     if seeds is None:
-        seeds = min([most, *_start_states(tasks)])
+        known = load_registry().tasks
+        seeds = min([most, *stored_states(expand_tasks(tasks, known), known)])
     if seeds < 1:
         raise BadInput(f"seeds: expected 1 or more, got {seeds}")
     name = _suite_name(tasks, prefix)
@@ -100,13 +102,6 @@ def _shared_cameras(tasks: Sequence[str]) -> tuple[str, ...]:
     known = task_descriptions()
     found = [known[task] for task in expand_tasks(tasks, load_registry().tasks) if task in known]
     return tuple(camera for camera in CAMERAS if all(camera in task.cameras for task in found))
-
-
-def _start_states(tasks: Sequence[str]) -> list[int]:
-    """The numbers of stored states of those of the tasks, or patterns, that have some."""
-    known = load_registry().tasks
-    found = (known[task].start_states for task in expand_tasks(tasks, known) if task in known)
-    return [states for states in found if states is not None]
 
 
 def _suite_name(tasks: Sequence[str], prefix: str) -> str:

@@ -104,9 +104,7 @@ class RunPlace:
         if file is not None and self._found[-1] != _identity(file):
             self.store.save_copy(folder / STORE_FILE)
             url = None
-        store = Store.open(
-            f"{store_url(folder, document.model_copy(update={'store_url': None}), url)}", document.run_id
-        )
+        store = Store.open(store_url(folder, document.model_copy(update={"store_url": None}), url), document.run_id)
         self.store.close()
         self.folder, self.store, self.url = folder, store, url
 

@@ -24,7 +24,7 @@ from robogauntlet.results.statistics.rates import Interval, wilson_interval
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status", "protocol", "success_rule")
+COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status")
 """Fields of the record that are needed."""
 MOST_POLICIES, MOST_LETTERS = 100, 100
 """Policies up to which pairs are compared, and letters up to which they are given: both may grow without end."""

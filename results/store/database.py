@@ -90,7 +90,7 @@ class Database:
     def file(self) -> Path | None:
         """The file of an SQLite database, if its URL names one plainly."""
         url = self.engine.url
-        return file_of(url) if url.get_backend_name() == "sqlite" and "uri" not in url.query else None
+        return file_of(url) if "uri" not in url.query else None
 
     def _prepare(self, schema: Schema, create: bool) -> None:
         existing = set(sa.inspect(self.engine).get_table_names())

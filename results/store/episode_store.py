@@ -20,8 +20,7 @@ __all__ = ["Store", "StoreError", "file_url"]
 
 def check_place(folder: Path, url: str) -> None:
     """Raise StoreError if the store at `url` would take the place of another file of a run folder."""
-    found = parse(url)
-    file = None if found.get_backend_name() != "sqlite" else file_of(found)
+    file = file_of(parse(url))
     if file is None:
         return
     file, folder = file.absolute().resolve(), folder.absolute().resolve()
@@ -60,8 +59,7 @@ class Store:
             StoreError: As `open`; or it does not exist, has other runs only, or has lost the rows of an ended run.
         """
         address = store_url(folder, document, url)
-        found = parse(address)
-        file = file_of(found) if found.get_backend_name() == "sqlite" else None
+        file = file_of(parse(address))
         if file is not None and not file.exists():
             raise StoreError(f"{file}: expected the store of the run in {folder}, there is no such file")
         store = cls.open(address, document.run_id, create=False)
@@ -78,8 +76,7 @@ class Store:
     @property
     def file(self) -> Path | None:
         """The file with the rows; None if they are on a server."""
-        url = self.database.engine.url
-        return file_of(url) if url.get_backend_name() == "sqlite" else None
+        return file_of(self.database.engine.url)
 
     def save_copy(self, file: Path) -> None:
         """Copy the whole store, if it is a file, into a new one, also after its name has gone. Raises StoreError."""

@@ -59,7 +59,9 @@ def _is_time(text: str) -> bool:
 
 
 def file_of(url: sa.URL) -> Path | None:
-    """The file that a URL of SQLite names, None for a store in memory."""
+    """The file that a URL names; None for a server and for a store in memory."""
+    if url.get_backend_name() != "sqlite":
+        return None
     name = url.database or ""
     if "uri" in url.query:
         name = name.removeprefix("file:")

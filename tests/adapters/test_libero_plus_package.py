@@ -6,7 +6,6 @@ from fnmatch import fnmatch
 import numpy as np
 import pytest
 
-from robogauntlet.adapters import package_files
 from robogauntlet.adapters.contract import TaskUnavailable
 from robogauntlet.adapters.libero.assets import Assets
 from robogauntlet.adapters.libero_plus import SIMULATOR, package, task_files
@@ -16,6 +15,7 @@ from robogauntlet.adapters.libero_plus.package import open_files, why_left_out
 from robogauntlet.adapters.libero_plus.placement import POSTURES, camera_pose, posture, postures, turn_between
 from robogauntlet.adapters.libero_plus.task_files import Scene, scene_of
 from robogauntlet.adapters.libero_plus.variants import NO_INSTRUCTION, PlusAxis, variant, variants
+from robogauntlet.adapters.package_files import looking_in
 from robogauntlet.orchestrator.environments.environment import Environment, EnvironmentEntry
 
 PANDA = np.array([0.0, -1.61037389e-01, 0.0, -2.44459747, 0.0, 2.2267522, np.pi / 4])
@@ -95,7 +95,7 @@ def test_an_instruction_does_not_speak_of_sentences_that_were_asked_for(sentence
     assert (ABOUT_INSTRUCTIONS.search(sentence) is None) is is_one
 
 
-def test_a_list_of_tasks_shows_the_sentence_that_is_told_from_the_simulators_environment(monkeypatch, tmp_path):
+def test_a_list_of_tasks_shows_the_sentence_that_is_told_from_the_simulators_environment(tmp_path):
     one = variant("language-goal-7-3")
     assert one.instruction == "LIBERO-Plus's rewording of: turn on the stove"
     folder = tmp_path / "lib" / "python3.11" / "site-packages"
@@ -103,8 +103,9 @@ def test_a_list_of_tasks_shows_the_sentence_that_is_told_from_the_simulators_env
     file.parent.mkdir(parents=True)
     file.write_text("(:language Activate the\n  burner)", encoding="utf-8")
     entry = EnvironmentEntry(interpreter=str(tmp_path / "bin" / "python"))
-    monkeypatch.setattr(package_files, "OTHER_ENVIRONMENTS", Environment("libero-plus", entry, "").site_packages)
-    assert one.instruction == "activate the burner"
+    with looking_in(Environment("libero-plus", entry, "").site_packages):
+        assert one.instruction == "activate the burner"
+    assert one.instruction == "LIBERO-Plus's rewording of: turn on the stove"
 
 
 def test_the_camera_of_a_view_is_where_liberoplus_has_it():

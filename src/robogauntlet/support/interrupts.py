@@ -16,6 +16,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask a process to end."""
 AGAIN_S = 0.05
 """Time after which a lost interruption comes again (s)."""
+EXIT_INTERRUPTED = 130
+"""Exit code of a command that was interrupted."""
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from robogauntlet.suites.selection import SelectionError
 from tests.full_disk import no_space
 from tests.results.synthetic import cells, document, row, run_folder
 
+FAILED = ("failure",)
 VIEW = View(image_size=16)
 TASK = "null/Reach"
 SHIFTED = (Condition(), Condition("noise", 3), Condition("noise", 5), Condition("frozen-frames", 4))
@@ -51,8 +52,9 @@ RUN = document(of=SYNTHETIC)
 ROWS = [row(cell, seed, ("failure", "success", "error")[seed % 3]) for cell in SYNTHETIC for seed in range(9)]
 
 
-def test_exactly_the_failures_are_selected_by_default():
-    chosen = EpisodeFilter().select(RUN, ROWS)
+def test_all_episodes_are_selected_or_those_of_an_outcome():
+    assert len(EpisodeFilter().select(RUN, ROWS)) == len(ROWS)
+    chosen = EpisodeFilter(statuses=FAILED).select(RUN, ROWS)
     assert len(chosen) == len(ROWS) / 3
     assert {one.status for one in chosen} == {"failure"}
     assert [one.task for one in chosen] == sorted(one.task for one in chosen)
@@ -71,8 +73,8 @@ def test_policies_tasks_conditions_and_statuses_are_selected_by_name_or_pattern(
 def test_a_larger_limit_adds_to_a_smaller_one_in_any_order_of_rows(limit, more, shuffle):
     rows = list(ROWS)
     shuffle.shuffle(rows)
-    few = EpisodeFilter(limit=limit).select(RUN, rows)
-    many = EpisodeFilter(limit=limit + more).select(RUN, ROWS)
+    few = EpisodeFilter(statuses=FAILED, limit=limit).select(RUN, rows)
+    many = EpisodeFilter(statuses=FAILED, limit=limit + more).select(RUN, ROWS)
     assert len(few) == 2 * min(limit, 24)
     assert {one.episode_id for one in few} <= {one.episode_id for one in many}
 
