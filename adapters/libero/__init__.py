@@ -26,6 +26,7 @@ SIMULATOR = Simulator(
     requirements=(
         "mujoco==3.3.7",
         "numpy==1.26.4",
+        "pyarrow<26",  # 26 needs numpy 2
         "numba>=0.60",
         "fast-simplification==0.2.0",
         "opencv-python==4.11.0.86",

@@ -5,6 +5,7 @@
   inside the table, jump and come to rest in other places.
 - It downloads missing assets, so their folder is set before a task is opened.
 - Its stored states are pickles, so only NumPy's arrays are unpickled.
+- Its package of benchmarks imports torch, which nothing here needs, so the names of its tasks are read without it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import contextlib
 import importlib
 import os
 import pickle
+import runpy
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -74,7 +76,7 @@ def import_libero(assets: Assets | None = None) -> Libero:
     check_versions(version("robosuite"), version("mujoco"))
     with configured(folder), silenced():
         mujoco, libero, wrapper = import_with_mujoco("libero", "libero.libero", "libero.libero.envs.env_wrapper")
-        task_map = importlib.import_module("libero.libero.benchmark.libero_suite_task_map").libero_task_map
+    task_map = runpy.run_path(str(folder / "benchmark" / "libero_suite_task_map.py"))["libero_task_map"]
     if assets is not None:
         libero._assets_path_cache = str(assets.folder)
     return Libero(folder, mujoco, wrapper.ControlEnv, task_map, assets)

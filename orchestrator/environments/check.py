@@ -47,8 +47,8 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
     Workers run in a simulator's environment, so it is also compared with the running one. A policy's own interpreter
     only computes what its parent asks for: its Python need not agree, and it needs no Ray.
 
-    With `contents`, also import what the user imports, and compare the files of required distributions with the hashes
-    that their wheels state, which takes a second for a few hundred megabytes.
+    With `contents`, also import what workers and the user import, and compare the files of required distributions with
+    the hashes that their wheels state, which takes a second for a few hundred megabytes.
     """
     label, entry = f"environment {environment.name}", environment.entry
     remedy = f"create it: robogauntlet env create {environment.name}"
@@ -69,7 +69,10 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
         request = Request(modules, tuple(distributions))
         if contents:
             compared = tuple(requirement.name for requirement in wanted)
-            request = replace(request, imports=(user.imports,) if user.imports else user.modules, compared=compared)
+            imports = (user.imports,) if user.imports else user.modules
+            if has_workers:
+                imports = (*WORKER_PACKAGES.values(), *imports)
+            request = replace(request, imports=imports, compared=compared)
         variables = tuple(user.environment.items()) if isinstance(user, Simulator) else ()
         installed = _ask(python, python.lstat().st_mtime_ns, request, import_path(), variables)
     except (OSError, ChildEnded, ChildTimeout, ValueError) as error:

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTas
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
 from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, RenderProfile, View
 from tests.adapters.goals import check_goal
+from tests.processes import run_process
 
 pytestmark = [
     pytest.mark.simulator,
@@ -238,6 +240,12 @@ def test_an_object_whose_shapes_are_in_a_body_fixed_to_it_stands_on_the_floor():
         bowl = simulation.privileged_state()["akita_black_bowl_1_position"][2]
         assert 0.03 < height - bowl < 0.06
         assert simulation.scene_controls.dynamics.dynamics().mass == 1.0
+
+
+def test_libero_is_imported_where_torch_is_not():
+    code = "import sys; sys.modules['torch'] = None\n"
+    code += "from robogauntlet.adapters.libero.libero_import import import_libero; print(len(import_libero().task_map))"
+    assert int(run_process([sys.executable, "-c", code]).stdout.split()[-1]) >= 5
 
 
 def test_the_stored_tasks_are_those_of_the_package():

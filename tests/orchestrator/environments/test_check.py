@@ -134,6 +134,18 @@ def test_what_is_installed_and_cannot_be_imported_is_reported_with_what_is_missi
     assert check(environment, kind).problems == ()  # a run imports nothing twice
 
 
+def test_a_package_of_workers_that_cannot_be_imported_there_is_reported(theirs):
+    for name in ("gearbox", *WORKER_PACKAGES.values()):
+        install(theirs, name, "1.0")
+    install(theirs, "ray", RAY)
+    error = "ImportError: pyarrow requires NumPy 2.0 or newer"
+    pyarrow = theirs / "lib" / f"python{RUNNING}" / "site-packages" / "pyarrow.py"
+    pyarrow.write_text("raise ImportError('pyarrow requires NumPy 2.0 or newer')")
+    environment = Environment("bare", EnvironmentEntry(interpreter=str(theirs / "bin" / "python")), "the suite")
+    (problem,) = check(environment, catalog.find("bare"), contents=True).problems
+    assert problem == f"environment bare: expected to import what bare needs, got {error}; install it there"
+
+
 def test_missing_files_are_reported_under_pythons_that_do_not_list_them(tmp_path, monkeypatch):
     (tmp_path / "gearbox-1.0.dist-info").mkdir()
     (tmp_path / "gearbox-1.0.dist-info" / "METADATA").write_text("Name: gearbox\nVersion: 1.0\n")
