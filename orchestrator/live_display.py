@@ -31,7 +31,7 @@ class Display:
     def __exit__(self, *error: Any) -> None:
         live, self._live = self._live, None
         if live is not None:
-            live.__exit__(*error)
+            live.stop()
 
     def log(self, message: str) -> None:
         """Print a line for the user."""

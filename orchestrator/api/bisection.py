@@ -13,8 +13,9 @@ from rich.console import Console
 from robogauntlet.orchestrator.api.evaluation import EvaluationStopped
 from robogauntlet.orchestrator.runs.checkpoint_search import CheckpointSearch, CheckpointSearchResult
 from robogauntlet.orchestrator.runs.composition import compose_plan
+from robogauntlet.orchestrator.runs.history_observer import HistoryObserver
 from robogauntlet.orchestrator.runs.plan import Plan
-from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.progress_display import ProgressDisplay
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.policies.references import read_reference, with_options
@@ -69,7 +70,7 @@ def bisect(
     """
     texts, listed = [str(text) for text in (good, *checkpoints, bad)], [tasks] if isinstance(tasks, str) else tasks
     plan, folder = plan_search(texts, listed, seeds, None if out is None else Path(out), options or {}, settings)
-    return play_search(texts, plan, folder, Progress(Console(quiet=quiet)), warnings.warn)
+    return play_search(texts, plan, folder, ProgressDisplay(Console(quiet=quiet)), warnings.warn)
 
 
 def plan_search(
@@ -105,7 +106,7 @@ def play_search(
     texts: Sequence[str],
     plan: Plan,
     folder: Path,
-    progress: Progress,
+    display: ProgressDisplay,
     on_warning: Callable[[str], None],
     *,
     retry_errors: bool = False,
@@ -113,10 +114,10 @@ def play_search(
     command: str | None = None,
 ) -> CheckpointSearchResult:
     """Play the rounds of a planned search into a folder; for the rest see `bisect` and `RunOptions`."""
-    search = CheckpointSearch(dict(zip(texts, plan.sources, strict=True)), plan.suite.seeds.count, progress.log)
+    search = CheckpointSearch(dict(zip(texts, plan.sources, strict=True)), plan.suite.seeds.count, display.log)
     url = history_url(history or os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.absolute().parent)
-    options = RunOptions(media=False, history=url, retry_errors=retry_errors, command=command)
-    outcome = run_plan(plan, folder, options, progress, rounds=search)
+    options = RunOptions(media=False, retry_errors=retry_errors, command=command)
+    outcome = run_plan(plan, folder, options, [display, HistoryObserver(url, folder)], rounds=search)
     for warning in outcome.warnings:
         on_warning(warning)
     if outcome.document.status is RunStatus.INTERRUPTED:

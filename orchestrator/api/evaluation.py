@@ -14,12 +14,13 @@ from rich.console import Console
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.orchestrator.api.served_object import ServedObject
 from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan
+from robogauntlet.orchestrator.runs.history_observer import HistoryObserver
+from robogauntlet.orchestrator.runs.observer import Observer
 from robogauntlet.orchestrator.runs.plan import Plan
-from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.progress_display import ProgressDisplay
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.orchestrator.runs.suite_policies import one_of_each_body
-from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
-from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
+from robogauntlet.orchestrator.trackers import PROJECT, open_tracker
 from robogauntlet.policies.contract import Policy
 from robogauntlet.policies.references import read_reference, with_options
 from robogauntlet.results.api import OpenRun, open_run
@@ -90,7 +91,8 @@ def evaluate(
     if isinstance(seeds, bool) or not isinstance(seeds, int | None):
         raise BadInput(f"seeds: expected their number, such as {SEEDS}, got {seeds!r}")
     with ExitStack() as stack:
-        tracker = None if log is None else stack.enter_context(LiveTracker(read_tracker(log), log_project))
+        display = ProgressDisplay(Console(quiet=quiet))
+        trackers = [] if log is None else [open_tracker(log, log_project, display.log)]
         served: ServedObject | None = None
         if isinstance(policy, str | Path):
             if identity is not None:
@@ -107,7 +109,7 @@ def evaluate(
         plan, folder = compose_plan([entry], listed, seeds=seeds, conditions=shifts, folder=folder, settings=settings)
         if served is not None:
             _check(served, plan)
-        return _play(plan, folder, media=media, quiet=quiet, tracker=tracker)
+        return _play(plan, folder, media, [display, *trackers])
 
 
 def _texts(name: str, given: str | Sequence[str], one: str) -> list[str]:
@@ -130,10 +132,9 @@ def _check(served: ServedObject, plan: Plan) -> None:
         served.check_answer(suite.view, task)
 
 
-def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool, tracker: LiveTracker | None) -> OpenRun:
+def _play(plan: Plan, folder: Path, media: bool | None, observers: Sequence[Observer]) -> OpenRun:
     history = history_url(os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.absolute().parent)
-    options, progress = RunOptions(media=media, history=history), Progress(Console(quiet=quiet))
-    outcome = run_plan(plan, folder, options, progress, tracker=tracker)
+    outcome = run_plan(plan, folder, RunOptions(media=media), [*observers, HistoryObserver(history, folder)])
     for warning in outcome.warnings:
         warnings.warn(warning, stacklevel=3)
     if outcome.document.status is RunStatus.INTERRUPTED or outcome.media_interrupted:

@@ -25,7 +25,7 @@ from robogauntlet.orchestrator.cli.common import (
     print_line,
 )
 from robogauntlet.orchestrator.runs.checkpoint_search import CheckpointSearchResult
-from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.progress_display import ProgressDisplay
 from robogauntlet.policies.references import FORMS, option_text, read_options
 from robogauntlet.support.text import counted
 
@@ -84,10 +84,10 @@ def bisect(
     command = shlex.join([*arguments, "--seeds", str(plan.suite.seeds.count), "--out", str(folder)])
     if not as_json:
         print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} at most, into {folder}")
-    progress = Progress(Console(quiet=True) if as_json else out)
+    display = ProgressDisplay(Console(quiet=True) if as_json else out)
     try:
         found = play_search(
-            texts, plan, folder, progress, fail, retry_errors=retry_errors, history=history, command=command
+            texts, plan, folder, display, fail, retry_errors=retry_errors, history=history, command=command
         )
     except KeyboardInterrupt:
         fail(f"interrupted; continue with: {command}")

@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.playable_suite import playable_suite
-from robogauntlet.orchestrator.runs.progress import RecordingProgress
+from robogauntlet.orchestrator.runs.progress_display import RecordingProgress
 from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
 from robogauntlet.results.report.formatting import counted, spreadsheet_cell

@@ -7,13 +7,13 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, print_line
-from robogauntlet.orchestrator.trackers.tracker import PROJECT, Tracker, log_run
+from robogauntlet.orchestrator.trackers import PROJECT, TrackerName, open_tracker
 from robogauntlet.results.api import open_run
 
 
 def log(
     run: RunArgument,
-    to: Annotated[Tracker, typer.Option("--to", help="Weights & Biases, or MLflow.")],
+    to: Annotated[TrackerName, typer.Option("--to", help="Weights & Biases, or MLflow.")],
     project: Annotated[str, typer.Option(help="Project of W&B, experiment of MLflow.")] = PROJECT,
     store: StoreUrl = None,
 ) -> None:
@@ -22,5 +22,6 @@ def log(
     Success rates, intervals, errors and provenance are sent. A run that was sent before is updated.
     """
     opened = open_run(run, store)
-    address = log_run(to, opened.document, opened.tables(), name=run.absolute().name, project=project)
+    tables = opened.tables()
+    address = open_tracker(to, project).send(opened.document, tables, run.absolute().name)
     print_line(f"logged: {address}")

@@ -35,12 +35,13 @@ from robogauntlet.orchestrator.episodes.policy_source import given_variables
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.composition import compose_plan, new_run_folder
+from robogauntlet.orchestrator.runs.history_observer import HistoryObserver
+from robogauntlet.orchestrator.runs.observer import Observer, RunState
 from robogauntlet.orchestrator.runs.plan import check_same, fitted, make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
+from robogauntlet.orchestrator.runs.progress_display import ProgressDisplay
+from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
-from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
-from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
+from robogauntlet.orchestrator.trackers import PROJECT, open_tracker
 from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.run_owner import is_own
@@ -123,7 +124,7 @@ def run(
     """
     out.quiet = quiet or out.quiet
     required = tuple(require or ())
-    tracker = None if log is None else LiveTracker(read_tracker(log), log_project)
+    trackers = [] if log is None else [open_tracker(log, log_project, print_line)]
     policy_options, part = read_options(option or ()), SuiteSelection()
     settings = suite_settings(success, image_size, replan_every, render_profile, workers)
     if suite is not None and _is_task(suite):
@@ -172,19 +173,13 @@ def run(
     if log is not None:
         command += f" --log {log}" + ("" if log_project == PROJECT else f" --log-project {shlex.quote(log_project)}")
     schedule = os.environ.get(SCHEDULE_VARIABLE)
-    options = RunOptions(store, address, retry_errors, media, history_store, schedule, command)
-    printed: list[str] = []
-
-    def print_numbers(outcome: RunOutcome) -> None:
-        _print_numbers(outcome)
-        printed.extend(outcome.warnings)
-
-    outcome = run_plan(plan, folder, options, Progress(out, verbose=verbose), print_numbers, tracker)
+    options = RunOptions(store, address, retry_errors, media, schedule, command)
+    numbers = _Numbers()
+    observers = [ProgressDisplay(out, verbose=verbose), numbers, HistoryObserver(history_store, folder, schedule)]
+    outcome = run_plan(plan, folder, options, [*observers, *trackers])
     for warning in outcome.warnings:
-        if warning not in printed:
+        if warning not in numbers.warnings:
             fail(warning)
-    if outcome.logged is not None:
-        print_line(f"logged: {outcome.logged}")
     _conclude(outcome, command, command + {None: "", True: " --media", False: " --no-media"}[media])
 
 
@@ -220,21 +215,28 @@ def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, 
     return shlex.join(arguments)
 
 
-def _print_numbers(outcome: RunOutcome) -> None:
-    document = outcome.document
-    if outcome.report is not None:
-        print_summary(outcome.report)
-    for warning in outcome.warnings:
-        fail(warning)
-    planned, duration = counted(document.planned, "episode"), format_duration(document.elapsed_s)
-    unread = f"the rows cannot be read; {planned} planned, played for {duration}"
-    out.print(unread if outcome.done is None else f"{outcome.done:,} of {planned} in {duration}", end="")
-    out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
-    if outcome.report is not None:
-        print_line(f"report: {outcome.report.paths.html}")
+class _Numbers(Observer):
+    """Prints the numbers of a run."""
+
+    warnings: tuple[str, ...] = ()
+    """Those that are printed with them."""
+
+    def on_numbers(self, run: RunState) -> None:
+        """Print them."""
+        document, self.warnings = run.document, tuple(run.warnings)
+        if run.report is not None:
+            print_summary(run.report)
+        for warning in self.warnings:
+            fail(warning)
+        planned, duration = counted(document.planned, "episode"), format_duration(document.elapsed_s)
+        unread = f"the rows cannot be read; {planned} planned, played for {duration}"
+        out.print(unread if run.done is None else f"{run.done:,} of {planned} in {duration}", end="")
+        out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
+        if run.report is not None:
+            print_line(f"report: {run.report.paths.html}")
 
 
-def _conclude(outcome: RunOutcome, command: str, continuing: str) -> None:
+def _conclude(outcome: RunState, command: str, continuing: str) -> None:
     document = outcome.document
     if document.command is not None and document.command != command:  # it continues elsewhere
         command, continuing = document.command, document.command + continuing.removeprefix(command)

@@ -22,7 +22,7 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
 from robogauntlet.orchestrator.registry import find_suite, load_registry
-from robogauntlet.orchestrator.scheduling.scheduler import Observer, Scheduler, SchedulerOptions
+from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerObserver, SchedulerOptions
 from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
@@ -192,7 +192,7 @@ def collect(request: CollectionRequest, folder: Path, display: DemonstrationProg
     return collected
 
 
-class _Observer(Observer[PlayedSeed]):
+class _Observer(SchedulerObserver[PlayedSeed]):
     """Commits played episodes."""
 
     def __init__(self, tasks: Sequence[CollectionTask], display: DemonstrationProgress) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from platformdirs import user_state_path
 
-from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.record import EpisodeResult
@@ -48,7 +47,7 @@ class RunPlace:
         if continued and url is not None and without_password(url) != document.store_url:
             Store.open_begun(folder, document, url).close()  # another store, which must contain the run's rows
         self._plan, self.folder, self.url = plan, folder, url
-        self._is_own = not continued or is_own(folder, read_run(folder))
+        self.is_own = not continued or is_own(folder, read_run(folder))
         """Whether this user played all rows that are there."""
         self.warnings: list[str] = []
         self.store = Store.open(store_url(folder, document, url), document.run_id)
@@ -61,7 +60,7 @@ class RunPlace:
     def _write(self, document: RunDocument, suite: Path) -> None:
         if not suite.exists():  # composed of options
             write_whole(suite, self._plan.text)
-        if not self._is_own:
+        if not self.is_own:
             self.warnings = [f"{self.folder}: you did not begin this run in this folder; {UNMARKED}"]
         elif not mark_as_own(self.folder, document):
             self.warnings = [
@@ -76,10 +75,6 @@ class RunPlace:
         if self.is_lost:
             raise StoreError(f"{self.folder}: removed, renamed or replaced while the run plays")
         return added
-
-    def open_history(self, url: str | None, schedule: str | None) -> HistoryWriter:
-        """Open the history at `url`, if it is not the run's store."""
-        return HistoryWriter(self.folder, self.store, url or self.url, schedule, imported=not self._is_own)
 
     @property
     def is_lost(self) -> bool:

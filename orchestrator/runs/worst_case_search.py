@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing
@@ -11,13 +10,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.orchestrator.runs.composition import compose_plan
 from robogauntlet.orchestrator.runs.plan import Plan, check_same
-from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.folder_lock import LOCK_FILE, FolderError, lock_folder
 from robogauntlet.results.record import Status
@@ -264,8 +260,7 @@ class _TaskPlayer:
             check_same(plan, document, folder)
         else:
             self._start_ray()
-            progress = Progress(Console(quiet=True, file=io.StringIO()))
-            outcome = run_plan(plan, folder, RunOptions(media=False), progress)
+            outcome = run_plan(plan, folder, RunOptions(media=False))
             document = outcome.document
             if document.status is RunStatus.INTERRUPTED:
                 raise KeyboardInterrupt

@@ -41,7 +41,7 @@ FLUSH_ROWS = 2000
 Observed = TypeVar("Observed", bound=Outcome, contravariant=True)
 
 
-class Observer(Generic[Observed]):
+class SchedulerObserver(Generic[Observed]):
     """Callbacks of the scheduler. By default they do nothing."""
 
     def on_started(self, simulator: str, readiness: Readiness) -> None:
@@ -87,7 +87,7 @@ class Scheduler(Generic[Result]):
     options: SchedulerOptions
     sink: Callable[[Sequence[Result]], object]
     """Stores results, or raises."""
-    observer: Observer[Result]
+    observer: SchedulerObserver[Result]
     now: Callable[[], float] = time.monotonic
     start_s: dict[str, float] = field(default_factory=dict)
     """Simulator to the time that its latest worker took from the start of its process to its first result."""

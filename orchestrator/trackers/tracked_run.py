@@ -14,7 +14,7 @@ from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.errors import BadInput
 
-if TYPE_CHECKING:  # the process of a tracker starts without them
+if TYPE_CHECKING:
     from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
     from robogauntlet.results.run_document import RunDocument
 
@@ -35,7 +35,7 @@ class TrackerError(BadInput):
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """The results of a run for an experiment tracker; all fields are plain values, since they go through JSON."""
+    """The results of a run for an experiment tracker, in plain values."""
 
     run_id: str
     status: str
@@ -91,7 +91,8 @@ def tracked_run(document: RunDocument, tables: Tables | None) -> TrackedRun:
     for cell in tables.cells if tables else ():
         for name, value in _numbers(cell.tally).items():
             # If one policy name has two contents, the first is the planned one; the table has both.
-            metrics.setdefault(f"{name}/{_place(cell)}", value)
+            place = place_of(cell.policy, cell.task, axis=cell.axis, severity=cell.severity)
+            metrics.setdefault(f"{name}/{place}", value)
     metrics |= {f"{name}/all": value for name, value in _numbers(tables.total).items()} if tables else {}
     ended_at = document.finished_at or document.started_at + document.elapsed_s
     return TrackedRun(
@@ -123,9 +124,9 @@ def _numbers(tally: Tally) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items() if value is not None}
 
 
-def _place(cell: CellRow) -> str:
-    condition = [] if cell.axis == CLEAN else [cell.axis, str(cell.severity)]
-    return usable("/".join([cell.policy, cell.task, *condition]))
+def place_of(*names: str, axis: str, severity: int) -> str:
+    """`POLICY`, `POLICY/TASK` and so on in usable characters, with `/AXIS/SEVERITY` if perturbed."""
+    return usable("/".join([*names, *([] if axis == CLEAN else [axis, str(severity)])]))
 
 
 def usable(name: str) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from robogauntlet.orchestrator.replay.media_selection import recording_order, representative_episodes, shared_by
-from robogauntlet.orchestrator.trackers.tracker import TrackedVideo
 from robogauntlet.results.media_paths import video_path, videos_folder
 from robogauntlet.results.record import EpisodeResult
 
@@ -15,6 +15,16 @@ MOST_VIDEOS = 40
 MOST_BYTES = 32 * 2**20
 """Size of all videos together."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.\-]+")
+
+
+@dataclass(frozen=True)
+class TrackedVideo:
+    """A recorded episode."""
+
+    name: str
+    """`POLICY/TASK/STATUS`, in characters that every tracker accepts."""
+    path: str
+    """The mp4 file."""
 
 
 def tracked_videos(folder: Path, rows: Callable[[], Iterable[EpisodeResult]]) -> list[TrackedVideo]:

@@ -1,76 +1,53 @@
 """Sends a run to Weights & Biases, or, with WANDB_MODE=offline, writes files for `wandb sync`.
 
 Login, server and offline mode are W&B's own settings (`wandb login`, WANDB_API_KEY, WANDB_MODE, WANDB_DIR). W&B's own
-records of program, machine and repository are disabled.
+records of program, machine and repository are disabled. Its own process sends what is logged, so only opening the run
+and finishing it wait for the server.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr
 from types import ModuleType
 from typing import Any
 
 from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS, TrackedRun, TrackerError
-from robogauntlet.orchestrator.trackers.tracker import TrackedVideo
+from robogauntlet.orchestrator.trackers.tracker import Tracker, TrackerName
+from robogauntlet.orchestrator.trackers.videos import TrackedVideo
+
+OPEN_S = 15.0
+"""Longest time that the run waits for W&B when it is opened (s)."""
+FINISH_S = 15.0
+"""The same when it is finished."""
 
 
-class WandbSession:
-    """One run that is open in W&B.
+class WandbTracker(Tracker):
+    """One run in W&B."""
 
-    The step of a metric is the time since the run was created (s): a continued run goes on behind its last step, also
-    offline, where W&B does not know it.
-    """
+    name = TrackerName.WANDB
+    label = "W&B"
+    advice = "log in with `wandb login`, check --project, or write files with WANDB_MODE=offline"
+    _run: Any
+    _started_at = 0.0
+    _step = -1
 
-    def __init__(self, wandb: ModuleType, run: Any, started_at: float) -> None:
-        self._wandb, self._run, self._started_at, self._step = wandb, run, started_at, -1
-        self.address = f"upload it with: wandb sync {run.settings.sync_dir}" if run.offline else str(run.url)
+    def check(self) -> None:
+        """See `Tracker`."""
+        self._wandb = _library()
+        with self._refusals():
+            offline = self._wandb.setup().settings.mode in ("offline", "dryrun", "disabled")
+            with redirect_stderr(io.StringIO()):  # where the login comes from
+                ready = offline or self._wandb.login(prompt=False, verify=False)
+        if not ready:
+            raise TrackerError("W&B has no login; log in with `wandb login`, or write files with WANDB_MODE=offline")
 
-    def log_progress(self, metrics: Mapping[str, float]) -> None:
-        """Add the metrics of one moment of the run."""
-        with _refusals():
-            self._log(dict(metrics))
-
-    def conclude(self, run: TrackedRun) -> None:
-        """Write the results of the run."""
-        with _refusals():
-            self._run.config.update(run.state, allow_val_change=True)
-            cells = self._wandb.Table(columns=list(COLUMNS), data=[list(row) for row in run.rows])
-            self._log({**run.metrics, "cells": cells})
-
-    def add_videos(self, videos: Sequence[TrackedVideo]) -> None:
-        """Add videos."""
-        with _refusals():
-            found = {f"videos/{video.name}": self._wandb.Video(video.path, format="mp4") for video in videos}
-            self._log(found)
-
-    def finish(self) -> None:
-        """Wait until everything is written."""
-        with _refusals():
-            self._run.finish()
-
-    def _log(self, values: dict[str, Any]) -> None:
-        self._step = max(self._step + 1, int(time.time() - self._started_at))
-        self._run.log(values, step=self._step, commit=True)
-
-
-def check() -> None:
-    """Raise TrackerError if W&B or its login is missing."""
-    wandb = _library()
-    with _refusals():
-        offline = wandb.setup().settings.mode in ("offline", "dryrun", "disabled")
-        ready = offline or wandb.login(prompt=False, verify=False)
-    if not ready:
-        raise TrackerError("W&B has no login; log in with `wandb login`, or write files with WANDB_MODE=offline")
-
-
-def open_session(run: TrackedRun, *, name: str, project: str) -> WandbSession:
-    """Create the run in W&B, or continue the one of the same id."""
-    wandb = _library()
-    with _refusals():
-        settings = wandb.Settings(
+    def open(self, run: TrackedRun, name: str) -> str:
+        """See `Tracker`."""
+        settings = self._wandb.Settings(
             silent=True,
             console="off",
             disable_git=True,
@@ -79,10 +56,14 @@ def open_session(run: TrackedRun, *, name: str, project: str) -> WandbSession:
             x_disable_meta=True,
             x_disable_stats=True,
             x_save_requirements=False,
-            init_timeout=30,
+            init_timeout=OPEN_S,
+            finish_timeout=FINISH_S,
+            finish_timeout_raises=True,
+            reinit="create_new",  # beside a run of the user's own
         )
-        opened = wandb.init(
-            project=project,
+        self._started_at = run.started_at
+        self._run = self._wandb.init(
+            project=self._project,
             name=name,
             id=run.run_id,
             resume="allow",
@@ -90,18 +71,26 @@ def open_session(run: TrackedRun, *, name: str, project: str) -> WandbSession:
             tags=list(run.tags),
             settings=settings,
         )
-        return WandbSession(wandb, opened, run.started_at)
+        return f"upload it with: wandb sync {self._run.settings.sync_dir}" if self._run.offline else str(self._run.url)
 
+    def log(self, metrics: Mapping[str, Any]) -> None:
+        """See `Tracker`."""
+        self._step = max(self._step + 1, int(time.time() - self._started_at))
+        self._run.log(dict(metrics), step=self._step, commit=True)
 
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """Exceptions of the library as TrackerError."""
-    try:
-        yield
-        return
-    except Exception as error:  # its text may contain the API key
-        problem = f"W&B did not accept the run ({type(error).__name__}); log in with `wandb login`, check --project, "
-    raise TrackerError(f"{problem}or write files with WANDB_MODE=offline")
+    def conclude(self, run: TrackedRun) -> None:
+        """See `Tracker`."""
+        self._run.config.update(run.state, allow_val_change=True)
+        cells = self._wandb.Table(columns=list(COLUMNS), data=[list(row) for row in run.rows])
+        self.log({**run.metrics, "cells": cells})
+
+    def add_videos(self, videos: Sequence[TrackedVideo]) -> None:
+        """See `Tracker`."""
+        self.log({f"videos/{video.name}": self._wandb.Video(video.path, format="mp4") for video in videos})
+
+    def finish(self) -> None:
+        """See `Tracker`."""
+        self._run.finish()
 
 
 def _library() -> ModuleType:

@@ -12,14 +12,9 @@ SERVER_SECRETS = (
     "ROBOGAUNTLET_WEBHOOK_URL",
 )
 """Secrets of the dashboard, of policy servers and of notifications."""
-TRACKER_SECRETS = {
-    "wandb": ("WANDB_API_KEY",),
-    "mlflow": tuple(f"MLFLOW_TRACKING_{name}" for name in ("URI", "USERNAME", "PASSWORD", "TOKEN")),
-}
-"""Experiment tracker to its secrets; the address of MLflow may hold a password."""
 RUN_SECRETS = (
-    *("ROBOGAUNTLET_STORE", "ROBOGAUNTLET_HISTORY", "PGPASSWORD"),
-    *(name for names in TRACKER_SECRETS.values() for name in names),
+    *("ROBOGAUNTLET_STORE", "ROBOGAUNTLET_HISTORY", "PGPASSWORD", "WANDB_API_KEY"),
+    *(f"MLFLOW_TRACKING_{name}" for name in ("URI", "USERNAME", "PASSWORD", "TOKEN")),
 )
 """Secrets that a run's own process needs: URLs of databases, which may hold passwords, and experiment trackers."""
 SECRETS = (*SERVER_SECRETS, *RUN_SECRETS)
@@ -76,12 +71,9 @@ def _is_inherited(name: str, value: str) -> bool:
     if name in _INHERITED or upper.endswith("_PROXY"):
         return True
     is_known = name.startswith(_INHERITED_PREFIXES) and not upper.startswith(_SECRET_PREFIXES)
-    return is_known and not (is_secret(name) or _SECRET & set(upper.split("_")) or _LOGIN.search(value))
-
-
-def is_secret(name: str) -> bool:
-    """Whether a variable is a secret of this program or a policy's token."""
-    return name in SECRETS or is_policy_token(name)
+    return is_known and not (
+        name in SECRETS or is_policy_token(name) or _SECRET & set(upper.split("_")) or _LOGIN.search(value)
+    )
 
 
 def is_policy_token(name: str) -> bool:

@@ -1,14 +1,19 @@
 """Plays a suite without output, and reads rows from run folders."""
 
 import io
+from pathlib import Path
 
 from rich.console import Console
 
+from robogauntlet.orchestrator.runs.history_observer import HistoryObserver
+from robogauntlet.orchestrator.runs.observer import Observer, RunState
 from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.progress_display import ProgressDisplay
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
+from robogauntlet.orchestrator.runs.run_progress import RunProgress
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
+from tests.results.synthetic import document
 
 SUITE = """
 name: nulls
@@ -19,13 +24,26 @@ workers: 2
 """
 
 
-def play(
-    suite, folder, *, progress=Progress, out=None, part=None, on_numbers=lambda outcome: None, tracker=None, **options
-):
+def play(suite, folder, *, out=None, part=None, observers=(), history=None, **options):
     """Play the suite file into the folder, by default without media."""
     plan = make_plan(suite, part=part) if part else make_plan(suite)
-    console = Console(file=out or io.StringIO(), force_terminal=False, width=200)
-    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), progress(console), on_numbers, tracker)
+    display = ProgressDisplay(Console(file=out or io.StringIO(), force_terminal=False, width=200))
+    recorded = [] if history is None else [HistoryObserver(history, folder, options.get("schedule"))]
+    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), [display, *recorded, *observers])
+
+
+def state_of(plan, stored=None):
+    """A run of a plan that nothing is stored of, or these counts of its cells."""
+    planned = document(plan.suite.seeds.count, plan.cells)
+    return RunState(plan, planned, Path("runs/nulls"), None, RunProgress(plan, stored or {}))
+
+
+def observer(**hooks):
+    """An observer with these hooks."""
+    found = Observer()
+    for name, hook in hooks.items():
+        setattr(found, name, hook)
+    return found
 
 
 def rows_of(folder, url=None):

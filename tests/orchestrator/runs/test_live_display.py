@@ -1,5 +1,6 @@
 """Progress displays: live on a terminal, periodic lines in other output."""
 
+import math
 from io import StringIO
 
 import pytest
@@ -7,9 +8,11 @@ from rich.console import Console
 from rich.text import Text
 
 from robogauntlet.orchestrator.live_display import PLAIN_EVERY_S, Display
+from robogauntlet.orchestrator.runs.observer import RECORDING, Recording
 from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.orchestrator.runs.progress import Progress, RecordingProgress
-from tests.orchestrator.runs.playing import SUITE
+from robogauntlet.orchestrator.runs.progress_display import ProgressDisplay, RecordingProgress
+from robogauntlet.results.store.history_records import Counts
+from tests.orchestrator.runs.playing import SUITE, state_of
 from tests.results.synthetic import row
 
 
@@ -62,11 +65,9 @@ def test_a_recording_that_has_time_for_all_shows_the_time_left():
 def test_a_verbose_display_has_a_line_for_each_episode(suite_file):
     output = StringIO()
     plan = make_plan(suite_file(SUITE))
-    with Progress(Console(file=output, width=120), verbose=True) as progress:
-        progress.begin(plan, {})
-        progress.on_results(
-            [row(plan.cells[0], 3, steps=12, wall_s=0.5), row(plan.cells[0], 4, "error", error="no room", wall_s=2.0)]
-        )
+    ProgressDisplay(Console(file=output, width=120), verbose=True).on_rows(
+        [row(plan.cells[0], 3, steps=12, wall_s=0.5), row(plan.cells[0], 4, "error", error="no room", wall_s=2.0)]
+    )
     cell = plan.cells[0]
     first, second = output.getvalue().splitlines()[:2]
     assert first == f"{cell.task}, {cell.policy}, seed 3: success in 12 steps, 0.50 s"
@@ -76,8 +77,36 @@ def test_a_verbose_display_has_a_line_for_each_episode(suite_file):
 @pytest.mark.parametrize(("policies", "has_rate"), [("[oracle]", True), ("[oracle, random]", False)])
 def test_only_a_single_policy_has_a_rate(suite_file, policies, has_rate):
     output = StringIO()
-    with Progress(Console(file=output, width=100)) as progress:
-        plan = make_plan(suite_file(SUITE.replace("[oracle, random]", policies)))
-        progress.begin(plan, {("null", "success"): 9, ("null", "failure"): 1})
+    plan = make_plan(suite_file(SUITE.replace("[oracle, random]", policies)))
+    display = ProgressDisplay(Console(file=output, width=100))
+    run = state_of(plan, {(plan.cells[0].policy_digest, "null/Reach", "clean", 0): Counts(0, 9, 1)})
+    display.on_tick(run)
+    display.on_numbers(run)
     assert ("success 90 %" in output.getvalue()) is has_rate
     assert "null: 10/" in output.getvalue()
+
+
+def test_videos_are_shown_by_a_bar_of_their_own_which_ends_with_them(suite_file):
+    output, clock = StringIO(), [0.0]
+    display = ProgressDisplay(Console(file=output, width=80), now=lambda: clock[0])
+    run = state_of(make_plan(suite_file(SUITE)))
+    run.phase, run.recording = RECORDING, Recording(5, math.inf)
+    display.on_tick(run)
+    clock[0], run.recording.done = 10.0, 1
+    display.on_tick(run)
+    run.recording = None
+    display.on_tick(run)
+    display.on_end(run)
+    assert output.getvalue().splitlines() == ["recording: 1/5  40 s left"]
+
+
+def test_a_terminal_is_given_back_when_a_run_breaks(suite_file):
+    output = StringIO()
+    display = ProgressDisplay(Console(file=output, force_terminal=True, width=80))
+    run = state_of(make_plan(suite_file(SUITE)))
+    display.on_tick(run)
+    display.close()
+    run.phase, run.recording = RECORDING, Recording(5, math.inf)
+    display.on_tick(run)
+    display.close()
+    assert output.getvalue().count("\x1b[?25l") == output.getvalue().count("\x1b[?25h") == 2  # the cursor

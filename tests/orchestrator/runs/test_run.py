@@ -1,6 +1,5 @@
 """A run folder: created, continued, refused, and always readable."""
 
-import itertools
 import os
 import platform
 import subprocess
@@ -14,7 +13,6 @@ from filelock import FileLock
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.policies import catalog as policies
@@ -22,10 +20,11 @@ from robogauntlet.policies.baselines import UntrainedPolicy
 from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RunError, RunStatus, read_run, write_run
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.results.store.run_history import History
 from robogauntlet.suites.loading import SuiteError
 from tests.errors import one_line_error
-from tests.orchestrator.runs.playing import SUITE, Run
+from tests.orchestrator.runs.playing import SUITE, Run, observer
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 
@@ -96,22 +95,18 @@ def test_a_complete_run_plays_no_episode_again(finished, suite):
     assert "continuing: 40 of 40 episodes already done" in finished.output.getvalue()
 
 
-def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, monkeypatch):
+def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path):
     path = suite(SUITE.replace("Reach", "Slow").replace("count: 20", "count: 10"))
     undisturbed = Run(tmp_path / "undisturbed")
     undisturbed(path)
-    on_results = Progress.on_results
 
-    def interrupt(self, results):
-        on_results(self, results)
+    def interrupt(rows):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Progress, "on_results", interrupt)
-    outcome = run(path)
+    outcome = run(path, observers=[observer(on_rows=interrupt)])
     assert outcome.document.status is RunStatus.INTERRUPTED
     assert 0 < outcome.done < 20
     assert "interrupted" in (run.folder / "report.md").read_text()
-    monkeypatch.setattr(Progress, "on_results", on_results)
     outcome = run(path)
     assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 20)
     assert outcome.document.rows_hash == read_run(undisturbed.folder).rows_hash
@@ -121,20 +116,15 @@ def test_the_elapsed_time_of_a_killed_session_is_kept(run, suite, monkeypatch):
     class Killed(BaseException):
         """Not caught by the run, which therefore cannot finish."""
 
-    def die(self, results):
+    def die(run):
         time.sleep(0.2)
-        self.on_tick()
-        if next(count) == 3:
+        if run.progress.simulators()[0].done > 3:
             raise Killed
 
-    count = itertools.count()
     path = suite(SUITE.replace("Reach", "Slow"))
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run.SAVE_ELAPSED_S", 0.1)
-    on_results = Progress.on_results
-    monkeypatch.setattr(Progress, "on_results", die)
     with pytest.raises(Killed):
-        run(path)
-    monkeypatch.setattr(Progress, "on_results", on_results)
+        run(path, observers=[observer(on_tick=die)])
     taken = read_run(run.folder).elapsed_s
     assert taken > 0.2
     assert run(path).document.elapsed_s > taken
@@ -215,7 +205,7 @@ def test_too_many_errors_stop_the_run_and_keep_its_rows(run, suite):
 
 def test_a_run_of_which_nothing_was_played_is_stopped_and_says_why(run, suite, monkeypatch):
     def skip(session, work):
-        session._observer.on_skipped("null", "it cannot render\nhere", sum(len(seeds) for _, seeds in work))
+        session._observers.on_skipped("null", "it cannot render\nhere", sum(len(seeds) for _, seeds in work))
 
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run.RunSession._play", skip)
     outcome = run(suite())
@@ -255,14 +245,14 @@ def test_a_run_document_that_is_broken_is_refused(finished, suite):
 
 
 def test_rows_that_cannot_be_read_at_the_end_are_not_counted_as_none(finished, suite, monkeypatch):
-    answers = [{("null", "success"): 40}]  # at the beginning
+    answers = [{}]  # at the beginning
 
-    def counts(store):
+    def counts(history, run_id):
         if not answers:
             raise StoreError("db: server closed the connection")
         return answers.pop()
 
-    monkeypatch.setattr(Store, "status_counts", counts)
+    monkeypatch.setattr(History, "count_cells", counts)
     outcome = finished(suite())
     assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, None)
     assert outcome.document.reason == "db: server closed the connection"

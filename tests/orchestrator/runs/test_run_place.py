@@ -6,13 +6,13 @@ from contextlib import closing
 import pytest
 
 from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.orchestrator.runs.run_place import RunPlace
 from robogauntlet.results.run_document import RunStatus, read_run
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.episode_store import Store, file_url
-from tests.orchestrator.runs.playing import SUITE, Run, rows_of
+from robogauntlet.results.store.run_history import History
+from tests.orchestrator.runs.playing import SUITE, Run, observer, rows_of
 from tests.results.synthetic import row
 
 
@@ -26,7 +26,7 @@ def place(run, suite):
         document = create_or_continue(plan, run.folder, url)
         document = document.model_copy(update={"command": f"robogauntlet run '{plan.path}' --out '{run.folder}' --x"})
         begun.append(RunPlace(plan, run.folder, document, url))
-        begun[0].open_history(None, None).record(document, counted=False)
+        History(begun[0].store.database).record(document, run.folder)
         begun[0].add([row(plan.cells[0], 0)])
         return begun[0], document, plan.cells[0]
 
@@ -85,17 +85,10 @@ def test_a_store_elsewhere_stays_where_it_is(place, run, tmp_path):
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_a_run_that_lost_its_folder_is_stopped_and_continued_where_it_was_saved(run, suite, tmp_path, monkeypatch):
+def test_a_run_that_lost_its_folder_is_stopped_and_continued_where_it_was_saved(run, suite, tmp_path):
     path = suite(SUITE.replace("Reach", "Slow").replace("count: 20", "count: 5"))
-    on_results = Progress.on_results
-
-    def lose(self, results):
-        on_results(self, results)
-        shutil.rmtree(run.folder, ignore_errors=True)
-
-    monkeypatch.setattr(Progress, "on_results", lose)
-    outcome = run(path)
-    monkeypatch.setattr(Progress, "on_results", on_results)
+    lose = observer(on_rows=lambda rows: shutil.rmtree(run.folder, ignore_errors=True))
+    outcome = run(path, observers=[lose])
     assert outcome.document.status is RunStatus.STOPPED
     assert 0 < outcome.done < 10
     assert outcome.folder == tmp_path / "run-saved"

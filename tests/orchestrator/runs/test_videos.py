@@ -2,8 +2,8 @@
 
 import pytest
 
-from robogauntlet.orchestrator.runs.run_observer import RunObserver
 from robogauntlet.results.run_document import RunStatus, read_run
+from tests.orchestrator.runs.playing import observer
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 
@@ -40,7 +40,7 @@ def test_the_report_is_written_before_the_first_video_and_again_after_the_last(r
         pages.append((run.folder / "report.html").read_text())
         counts.append(len(videos_of(run)))
 
-    outcome = run(suite(), media=True, on_numbers=on_numbers)
+    outcome = run(suite(), media=True, observers=[observer(on_numbers=on_numbers)])
     assert counts == [0]
     assert "data:video/mp4" not in pages[0]
     assert (run.folder / "report.html").read_text().count("data:video/mp4") == 2
@@ -74,21 +74,19 @@ def test_no_simulator_is_started_for_videos_that_cannot_start_it_in_their_time(r
     assert "recording" not in run.output.getvalue()
 
 
-def test_an_interruption_during_videos_loses_nothing_and_the_next_run_continues(finished, suite, monkeypatch):
+def test_an_interruption_during_videos_loses_nothing_and_the_next_run_continues(finished, suite):
     run, path = finished, suite()
-    on_media_tick = RunObserver.on_media_tick
 
-    def interrupt(self):
-        raise KeyboardInterrupt
+    def interrupt(run):
+        if run.recording is not None and run.recording.done:
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(RunObserver, "on_media_tick", interrupt)
-    outcome = run(path, media=True)
+    outcome = run(path, media=True, observers=[observer(on_tick=interrupt)])
     assert outcome.media_interrupted
     assert (outcome.document.status, outcome.document.media_left_out) == (RunStatus.COMPLETE, 1)
     (recorded,) = videos_of(run)
     assert read_run(run.folder) == outcome.document
     assert (run.folder / "report.html").read_text().count("data:video/mp4") == 1
-    monkeypatch.setattr(RunObserver, "on_media_tick", on_media_tick)
     outcome = run(path, media=True)
     assert (outcome.media_interrupted, outcome.document.media_left_out) == (False, 0)
     assert videos_of(run) > {recorded}
