@@ -46,8 +46,9 @@ $(ENVIRONMENTS)/.%: $(PLAYING) policies/lerobot/policy.py adapters/libero/__init
 	ROBOGAUNTLET_ENVIRONMENTS=$(abspath $(ENVIRONMENTS)) $(BIN)/robogauntlet --quiet env create $*
 	@touch $@
 
-$(STAMP): $(PLAYING)
+$(STAMP): $(PLAYING) studies/pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e ".[postgresql,figures,wandb,mlflow,docs,dev]"
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps -e ./studies
 	@touch $@
 
 $(PLAYING): pyproject.toml mergevla/pyproject.toml constraints.txt
@@ -89,7 +90,7 @@ docs: setup
 	@echo "documentation: runs/site/index.html"
 
 dist: setup
-	rm -rf dist build src/*.egg-info mergevla/build mergevla/*.egg-info zoo/build zoo/*.egg-info
+	rm -rf dist build src/*.egg-info mergevla/build mergevla/*.egg-info zoo/build zoo/*.egg-info studies/*.egg-info
 	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . ./mergevla ./zoo
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; print('dist/' + build_sdist('dist'))"
 
@@ -122,4 +123,4 @@ report: setup
 	$(BIN)/robogauntlet report
 
 clean:
-	rm -rf build dist src/*.egg-info mergevla/build mergevla/*.egg-info zoo/build zoo/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build dist src/*.egg-info mergevla/build mergevla/*.egg-info zoo/build zoo/*.egg-info studies/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

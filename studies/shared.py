@@ -26,6 +26,8 @@ GAUNTLET = [str(Path(sys.executable).with_name("robogauntlet"))]
 """The command line."""
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""
+FITTED_ROUTERS = ("calibrated", "nearest-centroid", "self-trained")
+"""Routers that are fitted to demonstrations; the last one without their tasks, see `routing`."""
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
 POLICY_OPTIONS: dict[str, dict[str, str]] = {UNTRAINED: {}, EXPERTS: {"folder": "zoo:experts"}}
 """The untrained network executes 8 actions per query and never succeeds; experts as many as their metadata say."""

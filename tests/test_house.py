@@ -37,7 +37,7 @@ BUDGETS = {
     "orchestrator": 23_846,
     "adapters": 8_684,
     "policies": 6_470,
-    "mergevla": 8_920,
+    "mergevla": 8_460,
     "results": 13_950,
     "suites": 2_892,
     "src/robogauntlet": 1_038,

@@ -19,7 +19,7 @@ from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.options import expert_folders
 from studies.merging.operators import percent
-from studies.shared import merged_policy, play_policies, run_gauntlet, table_of
+from studies.shared import FITTED_ROUTERS, merged_policy, play_policies, run_gauntlet, table_of
 from studies.tables import write_episodes
 
 ONE_SKILL = ("robosuite/Lift", "robosuite/Lift@UR5e", "robosuite/Lift@Kinova3", "robosuite/Lift@IIWA")
@@ -126,6 +126,7 @@ def merges_of(folder: Path, setting: str, experts: Mapping[str, Path], ways: Ite
     for way, out in merges.items():
         if not out.exists():
             datasets = [word for dataset in shown for word in ("--demonstrations", dataset)]
+            datasets += [word for name in FITTED_ROUTERS for word in ("--router", name)] if shown else []
             run_gauntlet("policies", "merge", *experts.values(), "--out", out, *MERGES[way][1], *datasets)
     return merges
 

@@ -21,7 +21,7 @@ from robogauntlet.results.statistics.pairs import Pairs, paired_difference, pair
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.options import expert_folders
 from studies.merging.operators import percent
-from studies.shared import kilobytes, merged_policy, play_policies, table_of
+from studies.shared import FITTED_ROUTERS, kilobytes, merged_policy, play_policies, table_of
 from studies.tables import episodes_of, write_episodes
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def merged(folder: Path, tasks: Sequence[str], way: str) -> dict[str, str]:
             model = MergedModel(merging.parts)
             shown = [folder / "demonstrations" / task.replace("/", "__") for task in tasks]
             first = first_observations(datasets_of(shown, model.experts), model.architecture.cameras)
-            fitted = fit_routers(model, first.frames, first.held_out)
+            fitted = fit_routers(model, first.frames, first.held_out, FITTED_ROUTERS)
         save_merged(out, merging, fitted)
         description.write_text(json.dumps(_described(merging)))
     found: dict[str, str] = json.loads(description.read_text())

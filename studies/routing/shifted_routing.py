@@ -21,7 +21,7 @@ from robogauntlet.results.statistics.rates import clustered_rate
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.episode import Perturbation as At
 from studies.routing.routers import by_router, first_of_demonstrations, interval
-from studies.shared import EXPERT_VIEW, open_task, table_of
+from studies.shared import EXPERT_VIEW, FITTED_ROUTERS, open_task, table_of
 
 if TYPE_CHECKING:
     from robogauntlet.adapters.contract import Observation
@@ -114,7 +114,7 @@ def measure() -> list[dict[str, object]]:
     torch.set_num_threads(1)
     model = MergedModel(load_merged("zoo:merged").parts)
     first, seen = first_of_demonstrations(model), observed(model.experts)
-    fitted = fit_routers(model, first.frames, first.held_out)
+    fitted = fit_routers(model, first.frames, first.held_out, FITTED_ROUTERS)
     rows: list[dict[str, object]] = []
     for sees, instruction in ((True, "read"), (False, "hidden")):
         middle = feature_spec_of(model.architecture, sees_instruction=sees)

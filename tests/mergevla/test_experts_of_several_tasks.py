@@ -106,12 +106,6 @@ def test_a_fitted_router_has_a_class_for_each_task_and_a_score_for_each_expert(m
         assert sum(np.exp(list(routed[0].scores.values()))) == pytest.approx(1.0)
 
 
-def test_a_router_fitted_without_tasks_has_a_class_for_each_expert(model, merged):
-    fitted = router("self-trained", stored=load_merged(merged).fitted)
-    routed = fitted.route([observation(20, task) for task in TASKS], model)
-    assert all(one.scores.keys() == set(model.experts) for one in routed)
-
-
 def test_in_records_the_expert_of_the_episodes_task_has_the_tasks_name(model):
     (routed,) = OracleRouter().route([observation(0, TASKS[1])], model)
     assert named_for(routed, TASKS[1], model).choice == TASKS[1]

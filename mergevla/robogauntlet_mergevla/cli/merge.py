@@ -44,7 +44,7 @@ def merge(
     operator: Annotated[
         str,
         typer.Option(
-            help="Merging operator: mean, ta, ties, ties-published, dare, tsv, knots, knots-ties, wudi, wudi-adam, "
+            help="Merging operator: mean, ta, ties, ties-published, dare, "
             "emr, magnitude or flat; or none: each task keeps its expert, quantised to --bits."
         ),
     ] = "ties",
@@ -96,7 +96,7 @@ def merge(
         typer.Option(
             "--router",
             metavar="NAME",
-            help="Router to fit: calibrated, nearest-centroid or self-trained. Repeatable; by default all.",
+            help="Router to fit: calibrated or nearest-centroid. Repeatable; by default both.",
         ),
     ] = None,
     weights: Annotated[
@@ -171,14 +171,14 @@ def _check_out(folder: Path) -> None:
 
 def _check_routers(names: Sequence[str], demonstrations: Sequence[Path]) -> None:
     """Refuse what cannot be fitted before anything is merged."""
-    from robogauntlet_mergevla.routing.catalog import READ
+    from robogauntlet_mergevla.routing.catalog import FITTED, FITTED_PLUGINS, fit_of, names_of
 
     if names and not demonstrations:
         raise MergeError("expected --demonstrations with --router, got none")
     for name in names:
-        if name not in READ:
-            known = f"{', '.join(list(READ)[:-1])} or {list(READ)[-1]}"
-            raise MergeError(f"expected --router {known}, got '{name}'{did_you_mean(name, READ)}")
+        if fit_of(name) is None:
+            known = [*FITTED, *names_of(FITTED_PLUGINS)]
+            raise MergeError(f"expected --router {' or '.join(known)}, got '{name}'{did_you_mean(name, known)}")
 
 
 def _is_leftover(path: Path) -> bool:
@@ -296,8 +296,6 @@ def _show(merging: Merging, losses: Mapping[str, tuple[float, float]]) -> None:
             f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f} (entries in a random order within "
             f"each weight; Gaussian entries: {report.gaussian.selfish:.3f}); {report.entries} weights merged"
         )
-    if report.interference_reduction is not None:
-        out.print(f"interference lowered by {report.interference_reduction:.1%} of what is possible")
     for part, distances in report.block_distances.items():
         texts, first_kept = [f"{distance:.3f}" for distance in distances], len(distances) - recipe.kept_blocks
         trunk, head = " ".join(texts[:first_kept]), " ".join(texts[first_kept:])

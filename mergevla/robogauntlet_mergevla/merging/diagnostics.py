@@ -14,7 +14,6 @@ from robogauntlet_mergevla.merging.errors import ExpertsDiffer
 from robogauntlet_mergevla.merging.masks import Mask, packed_bytes
 from robogauntlet_mergevla.merging.merge import MergedTaskVectors, merge
 from robogauntlet_mergevla.merging.recipe import MaskRule, Recipe
-from robogauntlet_mergevla.merging.spectral import interference_reduction
 from robogauntlet_mergevla.merging.task_vectors import TaskVector, TaskVectors, Weights, rms
 from robogauntlet_mergevla.merging.trunk import block_of, depth_of
 
@@ -22,7 +21,6 @@ NULL_ENTRIES = 30_000_000
 """Entries of each expert that the permutation null is computed from; of more weights than these, some are drawn."""
 NULL_SHAPE = (640, 640)
 """Shape of the Gaussian matrix with which the null is simulated: its rates are then good to about 0.002."""
-MINIMISES_INTERFERENCE = ("wudi", "wudi-adam")
 _FLOAT_BYTES = 4
 
 
@@ -62,8 +60,6 @@ class MergeReport:
     """The same for the experts' entries in a random order within each weight: the result of chance."""
     gaussian: MaskStatistics
     """The same for independent Gaussian task vectors with the experts' root mean squares."""
-    interference_reduction: float | None
-    """See `spectral.interference_reduction`; None unless the operator minimises the interference."""
     scales: Mapping[str, float]
     """Expert name to the root mean square of its task vector."""
     bytes_per_task: Mapping[str, BytesPerTask] = field(default_factory=dict)
@@ -248,14 +244,12 @@ def report(
     scales = {expert: rms(vector) for expert, vector in task_vectors.items()}
     has_entries = any(task_vectors.values())
     heads = heads or {}
-    minimises = has_entries and merged.recipe.operator in MINIMISES_INTERFERENCE
     return MergeReport(
         experts=merged.experts,
         entries=sum(delta.numel() for delta in merged.vector.values()),
         observed=observed,
         null=permutation_null(task_vectors, merged.recipe, generator=generator) if has_entries else observed,
         gaussian=gaussian_null(scales, merged.recipe, generator=generator) if has_entries else observed,
-        interference_reduction=interference_reduction(task_vectors, merged.vector) if minimises else None,
         scales=scales,
         bytes_per_task={
             expert: bytes_per_task(

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import metadata
 from types import MappingProxyType
 from typing import Any
 
@@ -25,13 +26,6 @@ from robogauntlet_mergevla.merging.errors import ExpertsDiffer, MergeError, chec
 from robogauntlet_mergevla.merging.masks import Mask, lambdas_of, masked, task_masks
 from robogauntlet_mergevla.merging.recipe import UNMERGED, MaskRule, Recipe
 from robogauntlet_mergevla.merging.signs import apply_signs, fit_signs, flat, magnitude
-from robogauntlet_mergevla.merging.spectral import (
-    knots,
-    knots_ties,
-    task_singular_vectors,
-    wudi,
-    wudi_adam,
-)
 from robogauntlet_mergevla.merging.task_vectors import OnDemand, TaskVector, TaskVectors, check_task_vectors
 
 Operator = Callable[..., dict[str, torch.Tensor]]
@@ -44,28 +38,38 @@ OPERATORS: Mapping[str, Operator] = MappingProxyType(
         "ties": ties,
         "ties-published": ties_published,
         "dare": dare,
-        "tsv": task_singular_vectors,
-        "knots": knots,
-        "knots-ties": knots_ties,
-        "wudi": wudi,
-        "wudi-adam": wudi_adam,
         "emr": emr,
         "magnitude": magnitude,
         "flat": flat,
     }
 )
-"""Every operator that merges, by name. The functions' docstrings name the papers."""
+"""The operators of this package that merge, by name. The functions' docstrings name the papers."""
+PLUGINS = "robogauntlet_mergevla.operators"
+"""Group of entry points by which other distributions add operators."""
 
 
 class UnknownOperator(MergeError):
     """Unknown merge operator, or unknown option of one."""
 
 
+def operator_names() -> tuple[str, ...]:
+    """Names of all operators that merge, those of other distributions last."""
+    return (*OPERATORS, *sorted(metadata.entry_points(group=PLUGINS).names - OPERATORS.keys()))
+
+
+def operator_of(name: str) -> Operator:
+    """Return the operator of a name. Raises UnknownOperator if there is none."""
+    if name in OPERATORS:
+        return OPERATORS[name]
+    for entry in metadata.entry_points(group=PLUGINS, name=name):
+        operator: Operator = entry.load()
+        return operator
+    raise UnknownOperator(f"unknown merge operator '{name}'{did_you_mean(name, (*operator_names(), UNMERGED))}")
+
+
 def check_operator(name: str, options: Iterable[str] = ()) -> None:
     """Raise UnknownOperator if the operator, or an option of it, is unknown."""
-    if name not in (*OPERATORS, UNMERGED):
-        raise UnknownOperator(f"unknown merge operator '{name}'{did_you_mean(name, (*OPERATORS, UNMERGED))}")
-    known = ["bits"] if name == UNMERGED else inspect.getfullargspec(OPERATORS[name]).kwonlyargs
+    known = ["bits"] if name == UNMERGED else inspect.getfullargspec(operator_of(name)).kwonlyargs
     for option in options:
         if option not in known:
             raise UnknownOperator(f"operator '{name}' has no option '{option}'; it has: {', '.join(known) or 'none'}")
@@ -77,7 +81,7 @@ def merge_task_vectors(
     """tau_merge = alpha * R({tau_m}) (arXiv 2511.18810 equation 2).
 
     Args:
-        operator: Name of R in `OPERATORS`.
+        operator: Name of R.
         task_vectors: The experts' task vectors.
         alpha: Scale of the merged task vector, greater than 0; the paper's is 1.
         options: Options of the operator.
@@ -90,7 +94,7 @@ def merge_task_vectors(
     check_operator(operator, options or {})
     check_range("alpha", alpha, 0, float("inf"))
     check_task_vectors(task_vectors)
-    merged = OPERATORS[operator](task_vectors, **(options or {}))
+    merged = operator_of(operator)(task_vectors, **(options or {}))
     return {name: delta * alpha for name, delta in merged.items()} if alpha != 1 else merged
 
 

@@ -69,7 +69,7 @@ class Recipe(Stored):
     refusal: ClassVar = OutOfRange
 
     operator: str = "ties"
-    """Name out of `merge.OPERATORS`, or `UNMERGED`."""
+    """One of `merge.operator_names`, or `UNMERGED`."""
     alpha: Number = 1.0
     """Scale of the merged task vector."""
     masks: MaskRule = MaskRule.TASK

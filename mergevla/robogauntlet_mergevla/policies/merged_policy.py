@@ -31,7 +31,7 @@ from robogauntlet_mergevla.policies.single_policy import (
     observed,
     stack_images,
 )
-from robogauntlet_mergevla.routing.catalog import READ
+from robogauntlet_mergevla.routing.catalog import fit_of
 from robogauntlet_mergevla.routing.catalog import router as router_named
 from robogauntlet_mergevla.routing.contract import FirstObservation, Router, named_for
 from robogauntlet_mergevla.spec import merged_spec
@@ -166,7 +166,7 @@ def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, chec
     if recipe.masks is MaskRule.TASK:
         lambdas_of({CheckpointMetadata.read(folder).expert: {} for folder in folders.values()}, recipe.lambda_)
     expected = checkpoint.metadata.base_hash
-    for task, folder in folders.items() if router in READ else ():
+    for task, folder in folders.items() if fit_of(router) is not None else ():
         base_hash = CheckpointMetadata.read(folder).base_hash or "none"
         if base_hash != expected:
             raise PolicyMismatch(

@@ -16,7 +16,6 @@ from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet_mergevla.routing.catalog import (
     FITTED,
     NAMES,
-    READ,
     feature_spec_of,
     fitting_features,
     router,
@@ -81,12 +80,12 @@ class UnknownTaskScores:
 
 
 def all_routers(stored: Mapping[str, Tensor], wanted: Sequence[str] = ()) -> list[Router]:
-    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors.
+    """Return every router of this package, with the instruction and without; fitted ones only if `stored` holds them.
 
     `wanted` names others than all, with their options. Raises RoutingError for one that does not exist.
     """
     fitted = {key.partition("/")[0] for key in stored}
-    names = wanted or [name for name in NAMES if name not in READ or name in fitted]
+    names = wanted or [name for name in NAMES if name not in FITTED or name in fitted]
     return [router(name, sees_instruction=sees, stored=stored) for name in names for sees in (True, False)]
 
 

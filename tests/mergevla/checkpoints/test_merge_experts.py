@@ -94,8 +94,6 @@ def test_a_backbone_tuned_otherwise_than_by_adapters_is_refused(folders, tmp_pat
     [
         {"operator": "ta", "masks": "none"},
         {"operator": "ties"},
-        {"operator": "tsv"},
-        {"operator": "wudi-adam", "options": {"steps": 3}},
         {"operator": "magnitude", "masks": "signs", "rounds": 2},
     ],
 )

@@ -109,7 +109,7 @@ def test_an_earlier_merged_checkpoint_and_leftovers_are_overwritten(zoo, tmp_pat
         (["{zoo}/experts", "--router", "calibrated"], "expected --demonstrations with --router, got none"),
         (
             ["{zoo}/experts", "--demonstrations", "{zoo}/data", "--router", "calibratd"],
-            "--router calibrated, nearest-centroid or self-trained, got 'calibratd'; did you mean 'calibrated'?",
+            ", got 'calibratd'; did you mean 'calibrated'?",
         ),
         (["{zoo}/experts", "--demonstrations", "{zoo}/data/Reach"], "got none of null/Raise"),
         (["{zoo}/base"], "expected an expert with adapters on a base"),

@@ -5,7 +5,6 @@ from io import StringIO
 
 import pytest
 from rich.console import Console
-from safetensors import safe_open
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
@@ -14,7 +13,6 @@ from robogauntlet_mergevla.checkpoints.merged_checkpoint import save_merged
 from robogauntlet_mergevla.cli.routing import STUDY, StudyProgress
 from robogauntlet_mergevla.routing.catalog import NAMES, UNFITTED
 from robogauntlet_mergevla.routing.observation_cache import file_of, load_observations
-from robogauntlet_mergevla.routing.self_training import NAME as SELF_TRAINED
 from robogauntlet_mergevla.routing_evaluation.first_observations import (
     FirstObservationError,
     collect_first_observations,
@@ -52,27 +50,20 @@ def no_simulator(monkeypatch):
     monkeypatch.setattr("robogauntlet_mergevla.routing_evaluation.first_observations.run_per_simulator", refuse)
 
 
-def has_self_trained(checkpoint):
-    """Whether it could be fitted: of untrained networks it depends on how the processor rounds."""
-    with safe_open(checkpoint / "model.safetensors", "pt") as file:
-        return any(f"{SELF_TRAINED}/" in name for name in file.keys())  # noqa: SIM118  (not a dictionary)
-
-
 def test_every_router_is_shown_and_everything_is_written(zoo, tmp_path, no_simulator):
     done = study(
         *(zoo / "merged", "--first-seed", 2, "--seeds", 3, "--keep", zoo / "kept"),
         *("--demonstrations", zoo / "data", "--json", tmp_path / "found.json"),
     )
     assert done.exit_code == 0, done.exception
-    names = [name for name in NAMES if name != SELF_TRAINED or has_self_trained(zoo / "merged")]
-    for word in ("3 tasks, 3 seeds from 2", "one backbone pass", "calibrated, instruction hidden", *names, *TASKS):
+    for word in ("3 tasks, 3 seeds from 2", "one backbone pass", "calibrated, instruction hidden", *NAMES, *TASKS):
         assert word in done.output
     found = json.loads((tmp_path / "found.json").read_text())
     STUDY.check(tmp_path / "found.json")  # it may be replaced
     assert found["seeds"] == {"start": 2, "count": 3}
     assert found["tasks"] == list(TASKS)
     assert [(one["router"], one["sees_instruction"]) for one in found["routers"]] == [
-        (name, sees) for name in names for sees in (True, False)
+        (name, sees) for name in NAMES for sees in (True, False)
     ]
     oracle = next(one for one in found["routers"] if one["router"] == "oracle")
     assert oracle["quality"]["accuracy"]["successes"] == oracle["quality"]["accuracy"]["trials"] == 9

@@ -157,14 +157,6 @@ def test_entries_in_another_order_are_unrelated_and_keep_the_scales_of_their_wei
     assert null.cosine["a"] == pytest.approx(unrelated.cosine["a"], abs=0.01)
 
 
-@pytest.mark.parametrize(("operator", "least", "most"), [("wudi-adam", 0.0, 0.5), ("wudi", 0.5, 1.0)])
-def test_a_report_says_how_far_the_interference_is_lowered(operator, least, most):
-    experts = random_task_vectors(3, scale=0.05)
-    made = report(experts, merge(experts, Recipe(operator)), generator=generator())
-    assert least < made.interference_reduction <= most
-    assert report(experts, merge(experts, Recipe("ta")), generator=generator()).interference_reduction is None
-
-
 def test_a_report_on_experts_that_changed_nothing_holds_no_nan():
     experts = {expert: {"w": torch.zeros(2, 2)} for expert in "ab"}
     made = report(experts, merge(experts, Recipe("ties")), generator=generator())

@@ -1,13 +1,24 @@
 """Routers by name, and fitted ones on a small network."""
 
 from dataclasses import replace
+from importlib import metadata
+from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
 import torch
 from safetensors.torch import load, save
 
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet_mergevla.routing.catalog import NAMES, UNFITTED, fit_routers, router
+from robogauntlet_mergevla.routing.baselines import RandomRouter
+from robogauntlet_mergevla.routing.catalog import (
+    FITTED_PLUGINS,
+    NAMES,
+    PLUGINS,
+    UNFITTED,
+    UnlabelledFit,
+    fit_routers,
+    router,
+)
 from robogauntlet_mergevla.routing.contract import RoutingError
 from robogauntlet_mergevla.routing.features import FeatureSpec, Pooling, features_of, labelled_features
 from robogauntlet_mergevla.routing.gaussian import GaussianRouterFit, fit
@@ -19,7 +30,7 @@ FITTED = ("calibrated", "nearest-centroid")
 
 def test_the_catalog_has_every_router():
     assert set(UNFITTED) == set(UNFITTED_ROUTERS)
-    assert set(NAMES) == {*UNFITTED_ROUTERS, "self-trained", *FITTED}
+    assert set(NAMES) == {*UNFITTED_ROUTERS, *FITTED}
 
 
 @pytest.mark.parametrize(
@@ -142,7 +153,28 @@ def test_the_message_for_a_router_of_another_format_says_what_to_do(stored):
         router("calibrated", stored=others)
 
 
-def test_a_named_router_that_cannot_be_fitted_is_refused(model):
-    few = {task: one if number < 2 else [] for number, (task, one) in enumerate(frames(0, 1).items())}
-    with pytest.raises(RoutingError, match="first observations or more, got 2"):
-        fit_routers(model, few, frames(50, 1), ["self-trained"])
+def test_another_distribution_adds_routers_by_entry_points(monkeypatch, model):
+    added = [
+        EntryPoint("drawn", f"{__name__}:Drawn", PLUGINS),
+        EntryPoint("unlabelled", f"{__name__}:FIT", FITTED_PLUGINS),
+    ]
+    monkeypatch.setattr(metadata, "entry_points", lambda **given: EntryPoints(added).select(**given))
+    assert isinstance(router("drawn"), Drawn)
+    fitted = fit_routers(model, frames(0, 4), frames(50, 4), ["unlabelled"])
+    assert {key.partition("/")[0] for key in fitted} == {"unlabelled"}
+    assert [one.choice for one in router("unlabelled", stored=fitted).route(observations(3), model)]
+    with pytest.raises(PolicyError, match="unknown router 'unlabeled'; did you mean 'unlabelled'"):
+        router("unlabeled")
+
+
+class Drawn(RandomRouter):
+    """A router that needs no fitting."""
+
+
+def fitted_in_turn(model, pool, held_out, specs):
+    """Every third observation is taken for one of an expert."""
+    parts = {expert: pool[place :: len(EXPERTS)] for place, expert in enumerate(EXPERTS)}
+    return [fit(*(labelled_features(model, parts, spec),) * 2, spec) for spec in specs]
+
+
+FIT = UnlabelledFit(fitted_in_turn, GaussianRouterFit.from_tensors)

@@ -18,8 +18,6 @@ from robogauntlet_mergevla.checkpoints.metadata import CheckpointError
 from robogauntlet_mergevla.merging.recipe import Recipe
 from robogauntlet_mergevla.network.tokenizer import tokenizer_for
 from robogauntlet_mergevla.policies.merged_policy import MergedPolicy
-from robogauntlet_mergevla.routing.contract import FirstObservation
-from robogauntlet_mergevla.routing.deltas import agreement
 from robogauntlet_mergevla.training.batch_loss import BatchLoss
 from robogauntlet_mergevla.training.dataset_mixture import DatasetMixture
 from robogauntlet_mergevla.training.finetune import finetune, pretrain
@@ -92,15 +90,6 @@ def test_an_expert_of_other_arms_answers_with_the_numbers_of_the_task(merged, ch
     (decision,) = policy.act([query(task, arms)])
     assert decision.actions.shape[1] == 7 * arms
     assert not decision.actions[:, 7:].any(), "the second arm does not move"
-
-
-def test_agreement_counts_the_numbers_that_an_expert_has(merged):
-    model = MergedModel(merged)
-    shown = [FirstObservation(torch.zeros(2, 3, 16, 16), "reach", np.zeros(8 * n), str(n), ONE) for n in (1, 2)]
-    before = agreement(model, shown)
-    with torch.no_grad():
-        model.model(ONE).action_expert.output.bias[7:] += 1.0  # never trained, and not used
-    assert torch.equal(agreement(model, shown), before)
 
 
 def test_the_second_arm_of_a_task_of_one_has_no_loss(trained):

@@ -7,7 +7,10 @@ import torch
 from hypothesis import given, settings
 
 from robogauntlet_mergevla.merging.elementwise import task_arithmetic
-from robogauntlet_mergevla.merging.spectral import (
+from robogauntlet_mergevla.merging.errors import OutOfRange
+from robogauntlet_mergevla.merging.merge import merge, merge_task_vectors, operator_names
+from robogauntlet_mergevla.merging.recipe import MaskRule, Recipe
+from studies.merging.spectral import (
     interference_reduction,
     knots,
     knots_ties,
@@ -15,7 +18,8 @@ from robogauntlet_mergevla.merging.spectral import (
     wudi,
     wudi_adam,
 )
-from tests.mergevla.merging.strategies import random_task_vectors, task_vectors
+from tests.errors import one_line_error
+from tests.mergevla.merging.strategies import close, copied, equal, random_task_vectors, task_vectors
 
 
 def test_tsv_recovers_orthogonal_deltas_of_low_rank():
@@ -128,3 +132,84 @@ def test_the_reduction_of_interference_is_0_for_the_sum_and_1_for_the_least():
     assert interference_reduction(experts, wudi(experts, cutoff=0.0)) == pytest.approx(1)
     alone = random_task_vectors(1)
     assert interference_reduction(alone, task_arithmetic(alone)) == 1
+
+
+OPERATORS = ("tsv", "knots", "knots-ties", "wudi", "wudi-adam")
+
+
+def run(operator, experts):
+    return merge_task_vectors(operator, experts, options={"steps": 3} if operator == "wudi-adam" else None)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_the_operators_are_found_by_their_names_and_work_with_every_mask_rule(operator):
+    experts = random_task_vectors(3)
+    before = copied(experts)
+    assert operator in operator_names()
+    for rule in MaskRule:
+        assert all(torch.isfinite(d).all() for d in merge(experts, Recipe(operator, masks=rule)).of("expert1").values())
+    assert equal(run(operator, experts), run(operator, experts))
+    assert all(equal(before[expert], experts[expert]) for expert in experts)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_they_do_not_depend_on_the_order_of_the_experts_beyond_rounding(operator):
+    experts = random_task_vectors(3)
+    assert close(run(operator, experts), run(operator, dict(reversed(experts.items()))))
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_zero_deltas_merge_to_zero(operator):
+    zeros = {e: {n: torch.zeros_like(d) for n, d in v.items()} for e, v in random_task_vectors(3).items()}
+    assert all(not delta.any() for delta in run(operator, zeros).values())
+
+
+@pytest.mark.parametrize("operator", ["knots", "wudi", "wudi-adam"])
+def test_an_expert_that_changed_nothing_changes_nothing(operator):
+    experts = {expert: {"w": vector["w"]} for expert, vector in random_task_vectors(2).items()}
+    assert close(run(operator, experts), run(operator, {**experts, "idle": {"w": torch.zeros(6, 8)}}))
+
+
+@pytest.mark.parametrize("operator", ["wudi", "wudi-adam"])
+@settings(max_examples=25)
+@given(experts=task_vectors(max_experts=1))
+def test_one_expert_merges_to_itself(operator, experts):
+    assert equal(run(operator, experts), experts["expert0"])
+
+
+@settings(max_examples=25)
+@given(experts=task_vectors(max_experts=1))
+def test_one_expert_merges_to_itself_under_tsv_but_for_rounding(experts):
+    assert close(task_singular_vectors(experts), experts["expert0"], 1e-4)
+
+
+@settings(max_examples=25)
+@given(experts=task_vectors(max_experts=1))
+def test_one_expert_merges_to_itself_under_knots_but_for_the_cut_off(experts):
+    assert close(knots(experts, cutoff=0.0), experts["expert0"])
+    lost = (knots(experts, cutoff=0.5)["block.weight"] - experts["expert0"]["block.weight"]).double()
+    assert torch.linalg.matrix_norm(lost, 2) <= 0.5 + 1e-5
+
+
+@pytest.mark.parametrize("operator", ["tsv", "wudi", "wudi-adam"])
+@pytest.mark.parametrize("scale", [1e-30, 1e30])
+def test_deltas_whose_squares_leave_fp32_are_merged(operator, scale):
+    deltas = random_task_vectors(1, scale=scale)
+    torch.testing.assert_close(run(operator, deltas)["w"], deltas["expert0"]["w"], rtol=1e-4, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize(
+    ("operator", "options"),
+    [
+        ("knots", {"cutoff": -1.0}),
+        ("knots-ties", {"cutoff": -1.0}),
+        ("knots-ties", {"trim": 1.0}),
+        ("wudi", {"cutoff": 1.0}),
+        ("wudi-adam", {"steps": -1}),
+        ("wudi-adam", {"steps": 1.5}),
+        ("wudi-adam", {"learning_rate": 0.0}),
+    ],
+)
+def test_options_out_of_range_are_refused_in_one_line(operator, options):
+    with one_line_error(OutOfRange, f"^expected {next(iter(options))} .*got "):
+        merge_task_vectors(operator, random_task_vectors(2), options=options)
