@@ -44,8 +44,8 @@ def export(root, name="night.zip", results=RESULTS, *, media=False, **changes):
 
 
 def write_media(folder):
-    paths = (video_path(folder, RESULTS[0].episode_id), picture_path(folder, RESULTS[0].task))
-    for path in (*paths, snapshot_path(folder, RESULTS[0].task, Condition("noise", 3))):
+    snapshot = snapshot_path(folder, RESULTS[0].task, Condition("noise", 3))
+    for path in (video_path(folder, RESULTS[0].episode_id), picture_path(folder, RESULTS[0].task), snapshot):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(path.name.encode())
 
@@ -237,9 +237,9 @@ def test_a_file_is_not_unpacked_beyond_the_size_that_its_archive_declares(file):
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("run.json", bytes(10_000_000))
         archive.writestr("episodes.parquet", b"")
-    content, declared = file.read_bytes(), (10_000_000).to_bytes(4, "little")
-    assert content.count(declared) == 2
-    file.write_bytes(content.replace(declared, (1000).to_bytes(4, "little")))
+    large, small = (size.to_bytes(4, "little") for size in (10_000_000, 1000))
+    assert file.read_bytes().count(large) == 2
+    file.write_bytes(file.read_bytes().replace(large, small))
     refuse(file, "it is damaged")
 
 
@@ -368,11 +368,10 @@ def test_a_document_that_this_program_did_not_write_is_refused(file, place, valu
 
 
 def test_a_plan_of_mistakes_makes_no_list_of_them(file):
-    """Each of these cells has seven."""
     file.write_bytes(exported_with("plan", [{}] * 1000, sound()))
     with pytest.raises(RunError) as caught:
         import_run(file, file.parent / "there")
-    assert len(caught.value.__context__.errors()) == 7
+    assert len(caught.value.__context__.errors()) == 7  # those of one cell
 
 
 def test_the_rows_of_a_large_run_are_read_in_parts(file, monkeypatch):
