@@ -26,6 +26,7 @@ help:
 	@echo "make studies    check that the tables of studies/ are those of their kept rows"
 	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages than make test reads (ten minutes)"
 	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, and tests of many minutes (two hours)"
+	@echo "make mutants    change 200 places of the core, one at a time, and say which test notices (hours)"
 	@echo "make report     write the newest run's report again"
 	@echo "make zoo        make the shipped checkpoints from nothing into runs/zoo (hours); stopped, it continues"
 	@echo "                PERCENT=1 make zoo: every step of it with a hundredth of the data and training (minutes)"
@@ -115,6 +116,9 @@ chaos: setup
 	$(BIN)/python -m tests.chaos
 	$(BIN)/python -m tests.chaos --cluster --runs 20
 	$(BIN)/python -m pytest -q --long -m long
+
+mutants: setup
+	$(BIN)/python -m tests.mutants
 
 zoo: setup
 	bash scripts/zoo.sh
