@@ -67,6 +67,7 @@ def load_registry() -> Registry:
             )
             for kind in policies.kinds().values()
         },
+        separate={kind: policies.INSTALL for kind in policies.SEPARATE if kind not in policies.kinds()},
         axes={axis.name: len(axis.levels) for axis in AXES.values()},
     )
 

@@ -10,6 +10,10 @@ from robogauntlet.policies.contract import Policy, PolicyError, PolicyKind, Poli
 from robogauntlet.suites.plugins import BrokenPlugin, Plugins, did_you_mean
 
 GROUP = "robogauntlet.policies"
+SEPARATE = ("mergevla", "mergevla-experts", "mergevla-merged")
+"""Kinds that shipped suites name and that a distribution of its own declares."""
+INSTALL = "in a clone of the repository: pip install ./mergevla ./zoo"
+"""What installs it, and its checkpoints."""
 
 
 @cache
@@ -31,8 +35,15 @@ def find(kind: str) -> PolicyKind:
     """Return the kind of that name. Raises PolicyError for an unknown one."""
     known = kinds()
     if kind not in known:
-        raise PolicyError(f"unknown policy '{kind}'{did_you_mean(kind, known)}")
+        raise PolicyError(unknown(kind))
     return known[kind]
+
+
+def unknown(kind: str) -> str:
+    """Return the message for a kind that is not installed: what installs it, or what it may have meant."""
+    if kind in SEPARATE:
+        return f"policy '{kind}' is not installed; {INSTALL}"
+    return f"unknown policy '{kind}'{did_you_mean(kind, kinds())}"
 
 
 def load(kind: str, options: Mapping[str, Any]) -> Policy:
@@ -55,3 +66,9 @@ def wishes(kind: str, options: Mapping[str, Any]) -> Wishes:
 def digest(kind: str, options: Mapping[str, Any]) -> str:
     """Return the hash of a policy's content. Raises PolicyError as `load` does."""
     return find(kind).digest(options)
+
+
+def digest_in(kind: str, options: Mapping[str, Any], task: str) -> str:
+    """Return the hash of what acts in a task (`simulator/task`). Raises PolicyError as `load` does."""
+    part = find(kind).digest_in
+    return digest(kind, options) if part is None else part(options, task)

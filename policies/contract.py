@@ -222,6 +222,11 @@ class PolicyKind:
     """`MODULE:FUNCTION` that imports what the policy needs; `robogauntlet env check` calls it in its environment."""
     files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None
     """Returns the policy's files under these options, for cluster nodes that lack them; None if it needs none."""
+    named: Callable[[str], Mapping[str, Any] | None] | None = None
+    """Returns the options of the policy that a text names (a folder, `zoo:NAME`), or None if it names none of this
+    kind. Raises PolicyError for a text that can only be meant for it and is wrong."""
+    digest_in: Callable[[Mapping[str, Any], str], str] | None = None
+    """Hash of what acts in one task (`simulator/task`), for policies of a part per task; None for that of the whole."""
     no_skill: bool = False
     """Whether its success rates show what chance achieves."""
 

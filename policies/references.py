@@ -8,15 +8,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from robogauntlet.policies import catalog, zoo
+from robogauntlet.policies import catalog
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, policy_entry, valid_name
 from robogauntlet.suites.selection import SETTINGS, option_of
 from robogauntlet.suites.yaml_file import YamlError, parse_yaml
 from robogauntlet.support.errors import BadInput
-from robogauntlet_mergevla.checkpoints.merged_metadata import KIND as MERGED
-from robogauntlet_mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
-from robogauntlet_mergevla.options import EXPERTS_NAME, MERGED_NAME
 
 SHOWN = 80
 """Characters of an option's value in a message."""
@@ -30,13 +27,15 @@ def read_reference(text: str) -> PolicyEntry:
 
     Raises:
         BadInput: There is no such policy.
-        PolicyError: The zoo has no such checkpoint.
+        PolicyError: It can only be meant for one kind, and is wrong.
     """
     entry = policy_entry(text)
     if entry["kind"] in catalog.kinds():
         return PolicyEntry.model_validate(entry)
-    kind, own = _checkpoint(text)
-    return PolicyEntry(name=valid_name(text) or kind, kind=kind, options=dict(own))
+    for kind in catalog.kinds().values():
+        if kind.named is not None and (own := kind.named(text)) is not None:
+            return PolicyEntry(name=valid_name(text) or kind.name, kind=kind.name, options=dict(own))
+    raise BadInput(f"expected {FORMS}; got '{text}'{_meant(text)}")
 
 
 def with_options(entries: Sequence[PolicyEntry], options: Mapping[str, Any]) -> list[PolicyEntry]:
@@ -77,24 +76,17 @@ def option_text(name: str, value: Any) -> str:
     return f"{name}={json.dumps(value, default=str)}"
 
 
-def _checkpoint(reference: str) -> tuple[str, Mapping[str, Any]]:
-    folder = zoo.shipped(reference)
-    if (folder / METADATA_FILE).is_file():
-        merged = read_metadata_file(folder).get("kind") == MERGED
-        return (MERGED_NAME if merged else "mergevla"), {"checkpoint": reference}
-    if any(folder.glob(f"*/{METADATA_FILE}")):
-        return EXPERTS_NAME, {"folder": reference}
-    raise BadInput(f"expected {FORMS}; got '{reference}'{_meant(reference, folder)}")
-
-
-def _meant(reference: str, folder: Path) -> str:
+def _meant(reference: str) -> str:
     """The end of a message about a text that names no policy: what it may have meant."""
     scheme, separator, rest = reference.partition("://")
+    folder = Path(reference)
+    if reference.startswith("zoo:") or reference in catalog.SEPARATE:
+        return f", which is not installed; {catalog.INSTALL}"
     if separator and scheme in ("http", "https"):
         return did_you_mean(reference, (), meant=[f"openpi://{rest}"])
     if (folder / "config.json").is_file() or (reference.startswith("lerobot/") and not folder.exists()):
         return did_you_mean(reference, (), meant=[f"lerobot:{reference}"])
     if folder.is_dir():
-        return f", a folder without a checkpoint: neither {METADATA_FILE} nor LeRobot's config.json is in it"
+        return ", a folder without a checkpoint: no kind of policy knows what is in it"
     near = get_close_matches(reference, catalog.kinds(), n=1, cutoff=0.7)
     return did_you_mean(reference, (), meant=near) if near else ""

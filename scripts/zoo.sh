@@ -29,7 +29,7 @@ finished() { [ -e "$1/card.json" ]; }
 
 "$ROBOGAUNTLET" policies demonstrate maniskill/{PushCube,PullCube,StackCube}-v1 robosuite/{Lift,Stack,Door} 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
 finished "$FOLDER/base" ||
-    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" \
+    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" mergevla pretrain "$DATA" --out "$FOLDER/base" \
         --steps "$(few 3200)" --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
 
 while read -r task demonstrations profile _; do
@@ -43,7 +43,7 @@ train() {
     shift 4
     # shellcheck disable=SC2086  # datasets are several words
     [ -e "$out/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune $data --base "$FOLDER/base" --out "$out" --steps "$(few "$steps")" \
+        "$ROBOGAUNTLET" mergevla finetune $data --base "$FOLDER/base" --out "$out" --steps "$(few "$steps")" \
             --learning-rate "$rate" --shift 2 "$@"
 }
 
@@ -68,7 +68,7 @@ merge() {
     local out="$FOLDER/$1"
     shift
     finished "$out" ||
-        "$ROBOGAUNTLET" policies merge "$FOLDER/experts" --out "$out" --no-weights --demonstrations "$DATA" \
+        "$ROBOGAUNTLET" mergevla merge "$FOLDER/experts" --out "$out" --no-weights --demonstrations "$DATA" \
             --router calibrated --router nearest-centroid "$@"
 }
 merge merged --operator magnitude --keep-blocks 1 --rounds 2

@@ -82,7 +82,10 @@ def _check_policies(suite: Suite, names: Registry) -> Iterator[Mistake]:
         place = ("policies", i)
         known = names.policies.get(policy.kind)
         if known is None:
-            yield place, f"unknown policy '{policy.kind}'{did_you_mean(policy.kind, names.policies)}"
+            remedy = names.separate.get(policy.kind)
+            meant = did_you_mean(policy.kind, names.policies)
+            kind = f"policy '{policy.kind}'"
+            yield place, f"{kind} is not installed; {remedy}" if remedy else f"unknown {kind}{meant}"
         else:
             for option in policy.options:
                 if option not in known.options:

@@ -62,6 +62,8 @@ class Registry:
     tasks: Mapping[str, KnownTask]
     """By `simulator/task`."""
     policies: Mapping[str, KnownPolicy]
+    separate: Mapping[str, str] = field(default_factory=dict)
+    """Kinds of policies that are not installed, to what installs them."""
     axes: Mapping[str, int] = field(default_factory=dict)
     """Perturbation axis to its highest severity."""
 

@@ -128,11 +128,10 @@ def runner(environment, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def program(wheels, tmp_path_factory):
-    """`robogauntlet` of the wheels, with the newest packages that they allow, but without those of MergeVLA."""
+    """`robogauntlet` of its own wheel, with the newest packages that it allows and no MergeVLA."""
     python = new_environment(tmp_path_factory.mktemp("newest")) / "bin" / "python"
-    wanted = (f"robogauntlet[pybullet] @ {wheels[0].as_uri()}", wheels[2], "pytest", "hypothesis")
+    wanted = (f"robogauntlet[pybullet] @ {wheels[0].as_uri()}", "pytest", "hypothesis")
     run(python, "-m", "pip", "install", "--quiet", "--no-compile", *wanted)
-    run(python, "-m", "pip", "install", "--quiet", "--no-compile", "--no-deps", wheels[1])
     return python.with_name("robogauntlet")
 
 
@@ -195,9 +194,20 @@ def test_light_tests_of_every_room_pass_with_the_newest_packages(program):
 
 
 @pytest.mark.slow
-def test_every_shipped_suite_is_valid_where_few_simulators_are_installed(program, tmp_path):
-    suites = sorted(path.stem for path in (ROOT / "suites").glob("*.yaml"))
-    run(program.with_name("python"), "-c", VALIDATE, *suites, cwd=tmp_path)
+def test_every_shipped_suite_is_valid_where_few_simulators_are_installed(program, wheels, tmp_path):
+    python, others, suites = program.with_name("python"), tmp_path / "others", (ROOT / "suites").glob("*.yaml")
+    run(python, "-m", "pip", "install", "--quiet", "--no-compile", "--no-deps", "--target", others, *wheels[1:])
+    variables = {**os.environ, "PYTHONPATH": str(others)}
+    run(python, "-c", VALIDATE, *sorted(path.stem for path in suites), cwd=tmp_path, env=variables)
+
+
+@pytest.mark.slow
+def test_the_program_has_neither_torch_nor_mergevla(program, tmp_path):
+    absent = "from importlib.util import find_spec; print([*map(find_spec, ('torch', 'robogauntlet_mergevla'))])"
+    assert run(program.with_name("python"), "-c", absent) == "[None, None]\n"
+    refused = subprocess.run([program, "plan", "mergevla"], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert refused.returncode == 2
+    assert "policy 'mergevla-merged' is not installed" in refused.stderr
 
 
 @pytest.mark.slow

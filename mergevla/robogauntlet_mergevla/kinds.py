@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from robogauntlet.adapters.catalog import original
 from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
-from robogauntlet.policies.zoo import SCHEME, shipped
 from robogauntlet.suites.episode import content_hash
+from robogauntlet_mergevla.checkpoints.merged_metadata import KIND as MERGED_KIND
 from robogauntlet_mergevla.checkpoints.merged_metadata import MergedMetadata, merged_digest_of
 from robogauntlet_mergevla.checkpoints.metadata import (
+    METADATA_FILE,
     CheckpointMetadata,
     all_files,
     checkpoint_files,
     digest_of,
     locate,
+    read_metadata_file,
 )
 from robogauntlet_mergevla.options import (
     CPU,
@@ -32,6 +35,24 @@ from robogauntlet_mergevla.options import (
     text_option,
 )
 from robogauntlet_mergevla.spec import UNFITTED_ROUTERS, experts_spec, merged_spec
+from robogauntlet_mergevla.zoo import SCHEME, shipped
+
+
+def _named(text: str) -> tuple[str, dict[str, str]] | None:
+    """The kind and the options of the policy that a text names, if it is a checkpoint or a folder of experts."""
+    folder = shipped(text)
+    if (folder / METADATA_FILE).is_file():
+        merged = read_metadata_file(folder).get("kind") == MERGED_KIND
+        return (MERGED_NAME if merged else NAME), {"checkpoint": text}
+    return (EXPERTS_NAME, {"folder": text}) if any(folder.glob(f"*/{METADATA_FILE}")) else None
+
+
+def _named_as(kind: str) -> Callable[[str], Mapping[str, str] | None]:
+    def named(text: str) -> Mapping[str, str] | None:
+        found = _named(text)
+        return found[1] if found is not None and found[0] == kind else None
+
+    return named
 
 
 def _checkpoint(options: Mapping[str, Any]) -> str:
@@ -85,6 +106,10 @@ def _experts_spec(options: Mapping[str, Any]) -> PolicySpec:
 def _experts_digest(options: Mapping[str, Any]) -> str:
     arithmetic = _arithmetic(device_option(EXPERTS_NAME, options))
     return content_hash({"policy": EXPERTS_NAME, "experts": _digests(_folder(options)), **arithmetic})
+
+
+def _expert_digest(options: Mapping[str, Any], task: str) -> str:
+    return digest_of(str(expert_folders(_folder(options))[original(task)]))
 
 
 def _experts_files(options: Mapping[str, Any]) -> PolicyFiles:
@@ -144,6 +169,7 @@ KIND = PolicyKind(
     spec=lambda options: _load({**options, "device": CPU}).spec,
     options={"checkpoint": "folder or hub id of the checkpoint", "device": DEVICE_MEANING},
     files=_files,
+    named=_named_as(NAME),
 )
 EXPERTS = PolicyKind(
     name=EXPERTS_NAME,
@@ -156,6 +182,8 @@ EXPERTS = PolicyKind(
         "device": DEVICE_MEANING,
     },
     files=_experts_files,
+    named=_named_as(EXPERTS_NAME),
+    digest_in=_expert_digest,
 )
 MERGED = PolicyKind(
     name=MERGED_NAME,
@@ -172,4 +200,5 @@ MERGED = PolicyKind(
         "device": DEVICE_MEANING,
     },
     files=_merged_files,
+    named=_named_as(MERGED_NAME),
 )

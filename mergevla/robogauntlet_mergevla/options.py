@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from robogauntlet.policies.contract import PolicyError, PolicyNotInstalled
-from robogauntlet.policies.zoo import shipped
 from robogauntlet_mergevla.checkpoints.merged_metadata import KIND
 from robogauntlet_mergevla.checkpoints.metadata import (
     METADATA_FILE,
@@ -20,6 +19,7 @@ from robogauntlet_mergevla.checkpoints.metadata import (
     read_metadata_file,
 )
 from robogauntlet_mergevla.merging.recipe import Recipe
+from robogauntlet_mergevla.zoo import shipped
 
 NAME, EXPERTS_NAME, MERGED_NAME = "mergevla", "mergevla-experts", "mergevla-merged"
 ROUTER = "calibrated"

@@ -13,9 +13,11 @@ from robogauntlet.orchestrator.cli.common import AsJson, Policies, SeedCount, Ta
 from robogauntlet.orchestrator.episodes.profile import Profile, profile_cells
 from robogauntlet.orchestrator.registry import SHIPPED, find_suite
 from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.policies.zoo import NotShipped, zoo_folder
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.references import read_reference
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.support.errors import BadInput
 
 EPISODES = 3
 COLUMNS = ("engine", "control", "frames", "answers", "rest", "total", "bound")
@@ -76,8 +78,8 @@ def profile(
 def _default_suite() -> tuple[Path, list[str]]:
     """The suite that is played by default, and its policy."""
     try:
-        zoo_folder()
-    except NotShipped:
+        read_reference("zoo:experts")
+    except (BadInput, PolicyError):
         return SHIPPED / "smoke.yaml", ["untrained"]
     return SHIPPED / "zoo.yaml", ["experts"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from typing import Annotated, Any
@@ -51,7 +52,7 @@ VERBS = {
     "axes": ("axes:app", "List perturbation axes and render their severities."),
     "env": ("env:app", "Create and check Python environments for simulators."),
     "adapters": ("adapters:app", "List, create and check simulator adapters."),
-    "policies": ("policies:app", "Create, check, train, merge, evaluate and serve policies."),
+    "policies": ("policies:app", "Create, check and serve policies, and record demonstrations."),
 }
 """Verb to its function or group (`module:name`) and its help; the docstring of a function begins with the same line."""
 
@@ -61,21 +62,34 @@ _tracebacks: list[bool] = []
 
 
 class _Verbs(TyperGroup):
-    """Imports the file of a verb only when the verb is used, so that `robogauntlet --help` stays fast."""
+    """Imports the file of a verb only when the verb is used, so that `robogauntlet --help` stays fast.
+
+    Verbs of other distributions come after those of this one.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.commands = {name: TyperCommand(name) for name in VERBS}  # for "Did you mean" only
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return [*VERBS]  # `list` is a module here once that verb was imported
+        return [*_all_verbs()]  # `list` is a module here once that verb was imported
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        return _command(cmd_name) if cmd_name in VERBS else None
+        if cmd_name in VERBS or cmd_name in _all_verbs():
+            return _command(cmd_name)
+        self.commands.update({name: TyperCommand(name) for name in _all_verbs()})
+        return None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, help_line) for name, (_, help_line) in VERBS.items()])
+            formatter.write_dl([(name, help_line) for name, (_, help_line) in _all_verbs().items()])
+
+
+def _all_verbs() -> Mapping[str, tuple[str, str]]:
+    """Those of this distribution, and those of others with their modules' full names."""
+    from robogauntlet.orchestrator.cli.plugin_verbs import plugin_verbs
+
+    return {**VERBS, **{name: verb for name, verb in plugin_verbs().items() if name not in VERBS}}
 
 
 @cache
@@ -83,9 +97,9 @@ def _command(name: str) -> Any:
     """The command, or group of commands, of a verb."""
     from robogauntlet.orchestrator.cli.parameters import check_parameters
 
-    address, help_line = VERBS[name]
+    address, help_line = VERBS.get(name) or _all_verbs()[name]
     module, _, function = address.partition(":")
-    verb = getattr(import_module(f"{__package__}.{module}"), function)
+    verb = getattr(import_module(f"{__package__}.{module}" if name in VERBS else module), function)
     parent = typer.Typer(rich_markup_mode=None)
     if isinstance(verb, typer.Typer):
         parent.add_typer(verb, name=name, help=help_line)

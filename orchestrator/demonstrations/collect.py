@@ -27,8 +27,8 @@ from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.oracles import digest_of_task
+from robogauntlet.policies.references import read_reference
 from robogauntlet.policies.training.dataset_writer import DatasetWriter
-from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.live_status import LiveWorker
 from robogauntlet.results.run_document import RunStatus
@@ -44,11 +44,9 @@ from robogauntlet.suites.episode import (
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.ranges import MAX_FIRST_SEED
-from robogauntlet.suites.schema import expand_tasks
+from robogauntlet.suites.schema import PolicyEntry, expand_tasks
 from robogauntlet.support.errors import BadInput, describe_os_error
 from robogauntlet.support.interrupts import deferred_interrupts
-from robogauntlet_mergevla.checkpoints.metadata import digest_of
-from robogauntlet_mergevla.options import EXPERTS_NAME, expert_folders
 
 ORACLE = "oracle"
 NOISE = 0.1
@@ -74,16 +72,16 @@ class CollectionRequest:
     first_seed: int = FIRST_TRAINING_SEED
     workers: int = 2
     learner: str | None = None
-    """Folder of experts, each of which acts first in its task's episodes; None for the oracle alone."""
+    """Policy that acts first in each episode, as `read_reference` reads it; None for the oracle alone."""
     whole: bool = False
     """Whether the oracle's actions are also recorded while a learner acts."""
     variation: Variation = field(default_factory=lambda: Variation({}))
     """Perturbations of the episodes."""
 
     @property
-    def learners(self) -> dict[str, Path]:
-        """Task to the checkpoint of the expert that acts first. Raises PolicyError if the folder contains none."""
-        return expert_folders(shipped(self.learner)) if self.learner is not None else {}
+    def entry(self) -> PolicyEntry | None:
+        """The learner's kind and options. Raises BadInput or PolicyError if there is no such policy."""
+        return read_reference(self.learner) if self.learner is not None else None
 
     def problems(self) -> list[str]:
         """The request's mistakes, a line each."""
@@ -94,9 +92,10 @@ class CollectionRequest:
         unscripted = [task for task in self.tasks if task in known and task not in can]
         problems += [f"the oracle has no script for '{task}'" for task in unscripted]
         try:
-            untrained = can - self.learners.keys() if self.learner else ()
-            problems += [f"the learner has no expert for '{task}'" for task in untrained]
-        except PolicyError as error:
+            if (learner := self.entry) is not None:
+                spec = policies.spec(learner.kind, learner.options)
+                problems += [f"the learner cannot act in '{task}'" for task in sorted(can) if not spec.can_act_in(task)]
+        except (BadInput, PolicyError) as error:
             problems.append(f"learner: {error}")
         if self.whole and self.learner is None:
             problems.append("whole: expected a learner whose part of the episode is to be recorded, got none")
@@ -227,7 +226,7 @@ def _play(
         return
     names = dict.fromkeys(task.cell.simulator for task in tasks)
     work = {name: CollectionQueue(task for task in tasks if task.cell.simulator == name) for name in names}
-    learner = PolicySource(EXPERTS_NAME, {"folder": request.learner}) if request.learner is not None else None
+    learner = PolicySource(entry.kind, entry.options) if (entry := request.entry) is not None else None
     job = DemonstrationJob(request.noise, learner, whole=request.whole, variation=request.variation)
     options = SchedulerOptions(lambda: request.workers, EPISODE_TIME_LIMIT_S, allowed_errors=sys.maxsize)
     # Flushing commits the seeds before the first gap; those after it are played again in another session.
@@ -263,8 +262,8 @@ def _open_task(
     horizon = description.horizon
     if request.variation.highest:
         made_by["vary"] = dict(request.variation.highest)
-    if learner := request.learners.get(task):
-        made_by["learner"] = digest_of(str(learner))
+    if (learner := request.entry) is not None:
+        made_by["learner"] = policies.digest_in(learner.kind, learner.options, task)
         if request.whole:
             made_by["whole"] = True
         horizon *= 2  # the oracle gets as many steps as without the learner

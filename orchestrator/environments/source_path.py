@@ -13,6 +13,8 @@ from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.files import new_folder
 
 PACKAGE = "robogauntlet"
+POLICIES = "robogauntlet.policies"
+"""The group of entry points by which distributions declare kinds of policies."""
 
 
 def import_path() -> str:
@@ -35,25 +37,33 @@ def source_file(module: str) -> str:
 
 @cache
 def _source_links(folder: Path) -> Path:
-    """A folder that contains only a link to this package and its distribution's metadata.
+    """A folder with links to this package and those that declare kinds of policies, and their distributions' metadata.
 
-    The folder of the source itself may be a site-packages folder with other packages, or may lack the metadata.
+    The folders of the sources themselves may be site-packages folders with other packages, or may lack the metadata.
     """
-    package = str(Path(source_file(PACKAGE)).parent)
-    distribution = metadata.distribution(PACKAGE)
-    about = distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or ""
-    entry_points = distribution.read_text("entry_points.txt") or ""
-    links = folder / f".source-{content_hash([package, about, entry_points])}"
+    packages = {entry.module.partition(".")[0]: entry.dist for entry in metadata.entry_points(group=POLICIES)}
+    packages[PACKAGE] = metadata.distribution(PACKAGE)
+    sources = [
+        (
+            str(place.parent if (place := Path(source_file(package))).name == "__init__.py" else place),
+            f"{distribution.name.replace('-', '_')}-{distribution.version}.dist-info",
+            distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or "",
+            distribution.read_text("entry_points.txt") or "",
+        )
+        for package, distribution in sorted(packages.items())
+        if distribution is not None and (spec := find_spec(package)) is not None and spec.origin is not None
+    ]
+    links = folder / f".source-{content_hash(sources)}"
     if links.is_dir():
         return links
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with new_folder(links) as partial:
-            information = partial / f"{PACKAGE}-{distribution.version}.dist-info"
-            information.mkdir()
-            (information / "METADATA").write_text(about, encoding="utf-8")
-            (information / "entry_points.txt").write_text(entry_points, encoding="utf-8")
-            (partial / PACKAGE).symlink_to(package)
+            for source, information, about, entry_points in sources:
+                (partial / information).mkdir(exist_ok=True)
+                (partial / information / "METADATA").write_text(about, encoding="utf-8")
+                (partial / information / "entry_points.txt").write_text(entry_points, encoding="utf-8")
+                (partial / Path(source).name).symlink_to(source)
     except OSError:  # another process may have created it
         if not links.is_dir():
             raise

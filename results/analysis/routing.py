@@ -1,6 +1,6 @@
 """Metrics of a router: accuracy, confusion, calibration, latency and rejection of unknown tasks.
 
-The report of a run computes them from its rows, and `robogauntlet policies routing` from first observations.
+The report of a run computes them from its rows, and `robogauntlet mergevla routing` from first observations.
 """
 
 from __future__ import annotations

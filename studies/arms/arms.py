@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.options import expert_folders
+from robogauntlet_mergevla.zoo import shipped
 from studies.merging.operators import percent
 from studies.shared import FITTED_ROUTERS, merged_policy, play_policies, run_gauntlet, table_of
 from studies.tables import write_episodes
@@ -39,7 +39,7 @@ MERGES = {
         [*("--operator", "mean", "--masks", "none"), *("--trunk", "mean", "--keep-blocks", "0", "--merge-output")],
     ),
 }
-"""Name to title and options of `robogauntlet policies merge`."""
+"""Name to title and options of `robogauntlet mergevla merge`."""
 ROUTED = {
     "magnitude-2-calibrated": ("magnitude-2", "calibrated"),
     "magnitude-2-self-trained": ("magnitude-2", "self-trained"),
@@ -127,7 +127,7 @@ def merges_of(folder: Path, setting: str, experts: Mapping[str, Path], ways: Ite
         if not out.exists():
             datasets = [word for dataset in shown for word in ("--demonstrations", dataset)]
             datasets += [word for name in FITTED_ROUTERS for word in ("--router", name)] if shown else []
-            run_gauntlet("policies", "merge", *experts.values(), "--out", out, *MERGES[way][1], *datasets)
+            run_gauntlet("mergevla", "merge", *experts.values(), "--out", out, *MERGES[way][1], *datasets)
     return merges
 
 

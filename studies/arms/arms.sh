@@ -28,7 +28,7 @@ demonstrate() {
 train() {
     local name="${3/\//__}"
     [ -e "$FOLDER/$1/$name/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "$FOLDER/$2/$name/$name" --base zoo:base --out "$FOLDER/$1/$name" \
+        "$ROBOGAUNTLET" mergevla finetune "$FOLDER/$2/$name/$name" --base zoo:base --out "$FOLDER/$1/$name" \
             --steps "$(few "$4")" --learning-rate 1e-3 --shift 2 --action-steps 4
 }
 

@@ -40,12 +40,12 @@ expert() {
 control() {
     local data="$FOLDER/demonstrations/goal" out="$FOLDER/random"
     [ -e "$out/base/card.json" ] ||
-        "$ROBOGAUNTLET" policies pretrain "$data" --out "$out/base" --steps 1 --learning-rate 1e-9
+        "$ROBOGAUNTLET" mergevla pretrain "$data" --out "$out/base" --steps 1 --learning-rate 1e-9
     [ -e "$out/libero-goal/card.json" ] || finetune "$data" "$out/base" "$out/libero-goal"
 }
 
 finetune() {
-    "$ROBOGAUNTLET" policies finetune "$1" --base "$2" --out "$3" --steps "$(few 6000)" --learning-rate 1e-3 --shift 2 \
+    "$ROBOGAUNTLET" mergevla finetune "$1" --base "$2" --out "$3" --steps "$(few 6000)" --learning-rate 1e-3 --shift 2 \
         --action-steps 4 --adapt-convolutions --bfloat16
 }
 export -f expert finetune tasks_of
@@ -56,6 +56,6 @@ printf '%s\n' $SUITES | xargs -P 2 -I SUITE bash -euo pipefail -c 'expert "$1"' 
 [ "$SUITES" = "$ALL" ] || exit 0
 control
 [ -e "$FOLDER/merged/card.json" ] ||
-    "$ROBOGAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --rounds 2 --no-weights \
+    "$ROBOGAUNTLET" mergevla merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --rounds 2 --no-weights \
         --demonstrations "$FOLDER"/demonstrations/goal --demonstrations "$FOLDER"/demonstrations/object \
         --demonstrations "$FOLDER"/demonstrations/spatial --demonstrations "$FOLDER"/demonstrations/10

@@ -14,9 +14,9 @@ from typing import Any
 
 import pandas as pd
 
-from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet_mergevla.zoo import shipped
 from studies.merging.operators import percent
 from studies.shared import play_policies, table_of
 from studies.tables import write_episodes

@@ -59,7 +59,6 @@ def measure() -> list[dict[str, object]]:
     import torch
 
     from robogauntlet.policies.training.dataset import Demonstrations, find_datasets
-    from robogauntlet.policies.zoo import shipped
     from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, read_tensors
     from robogauntlet_mergevla.checkpoints.merge_experts import merge_parts, read_experts
     from robogauntlet_mergevla.checkpoints.merged_checkpoint import tensors_of_parts
@@ -69,6 +68,7 @@ def measure() -> list[dict[str, object]]:
     from robogauntlet_mergevla.options import expert_folders
     from robogauntlet_mergevla.training.dataset_mixture import DatasetMixture, HeldOut
     from robogauntlet_mergevla.training.lambda_selection import choose_lambdas, experts_l1, held_out_l1
+    from robogauntlet_mergevla.zoo import shipped
 
     torch.set_num_threads(1)
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))

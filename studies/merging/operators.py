@@ -114,13 +114,13 @@ def percent(value: float, interval: Interval | None) -> str:
 
 def kilobytes_per_task(kind: str, options: Mapping[str, Any]) -> float:
     """Storage per task beside the base, as checkpoints store it, without routers (kB)."""
-    from robogauntlet.policies.zoo import shipped
     from robogauntlet_mergevla.checkpoints.expert_checkpoint import read_tensors
     from robogauntlet_mergevla.checkpoints.merge_experts import merge_parts, read_experts
     from robogauntlet_mergevla.checkpoints.merged_checkpoint import tensors_of_parts
     from robogauntlet_mergevla.checkpoints.metadata import WEIGHTS
     from robogauntlet_mergevla.merging.recipe import Recipe
     from robogauntlet_mergevla.options import expert_folders
+    from robogauntlet_mergevla.zoo import shipped
 
     if kind == "mergevla":
         return 0.0

@@ -41,7 +41,7 @@ train() {
     local out="$FOLDER/experts/$1/$name"
     for kind in "${@:6}"; do data+=("$FOLDER/$kind/$name/$name"); done
     [ -e "$out/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "${data[@]}" --base zoo:base --out "$out" --steps "$(few "$4")" \
+        "$ROBOGAUNTLET" mergevla finetune "${data[@]}" --base zoo:base --out "$out" --steps "$(few "$4")" \
             --learning-rate "$5" --shift 2 --adapt-convolutions --action-steps "$3"
 }
 export -f demonstrate record correct train

@@ -43,7 +43,7 @@ datasets() {
 once() {
     local out="$1"
     shift
-    [ -e "$out/card.json" ] || "$ROBOGAUNTLET" policies "$@" --out "$out"
+    [ -e "$out/card.json" ] || "$ROBOGAUNTLET" mergevla "$@" --out "$out"
 }
 
 # Kind without -fresh, training seed.

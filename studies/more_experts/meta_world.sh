@@ -23,7 +23,7 @@ expert() {
     "$ROBOGAUNTLET" policies demonstrate "metaworld/$1-v3" --out "$FOLDER/demonstrations/$name" \
         --episodes "$(few 150)" --render-profile fast-2 --workers 1
     [ -e "$FOLDER/experts/$name/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "$FOLDER/demonstrations/$name/$name" --base zoo:base \
+        "$ROBOGAUNTLET" mergevla finetune "$FOLDER/demonstrations/$name/$name" --base zoo:base \
             --out "$FOLDER/experts/$name" --steps "$(few 1000)" --learning-rate 1e-3 --shift 2 --action-steps 4
 }
 export -f expert

@@ -60,7 +60,7 @@ def steps(folder: Path) -> list[dict[str, Any]]:
     code = f"from pathlib import Path; from studies.performance.paper_size import *; in_folder(Path({str(folder)!r}))"
     run(["python", "-c", code + ".base()"], folder)
     run(["python", "-c", code + ".experts()"], folder)
-    merge = ["policies", "merge", "experts", "--operator", "ties", "--trunk", "mean", "--out", "merged"]
+    merge = ["mergevla", "merge", "experts", "--operator", "ties", "--trunk", "mean", "--out", "merged"]
     rows = [row("four experts merged: TIES, task masks, averaged trunk, k = 1", merge, folder, "merged")]
     shutil.rmtree(folder / "experts")
     return rows + played(folder)

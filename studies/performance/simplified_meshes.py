@@ -6,9 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.statistics.pairs import Pairs, is_no_worse, paired_difference, pooled
 from robogauntlet_mergevla.options import expert_folders
+from robogauntlet_mergevla.zoo import shipped
 from studies.shared import EXPERTS, POLICY_OPTIONS, play_suite, table_of
 
 PROFILES = ("fast-2", "fast")

@@ -51,7 +51,7 @@ expert() {
     [ "$3" != "$CORRECTED" ] || data+=("$FOLDER/$2/corrections/$name")
     [ "$2" = plain ] || words=(--change-words 0.3)
     [ -e "$FOLDER/$1/$name/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "${data[@]}" --base zoo:base --out "$FOLDER/$1/$name" \
+        "$ROBOGAUNTLET" mergevla finetune "${data[@]}" --base zoo:base --out "$FOLDER/$1/$name" \
             --steps "$(few "$5")" --learning-rate 1e-3 --shift 2 "${words[@]}" "${@:6}"
 }
 export -f expert
@@ -64,7 +64,7 @@ export -f expert
 
 merge() {
     [ -e "$FOLDER/$1/card.json" ] ||
-        "$ROBOGAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/$1" --demonstrations "$DATA" \
+        "$ROBOGAUNTLET" mergevla merge "$FOLDER/experts" --out "$FOLDER/$1" --demonstrations "$DATA" \
             --router calibrated "${@:2}"
 }
 merge merged --operator magnitude --keep-blocks 1 --rounds 2

@@ -77,11 +77,11 @@ def measure() -> list[dict[str, object]]:
 
 def averaged_merge(experts: str) -> MergedModel:
     """The paper's merge of the zoo's experts: task arithmetic with masks, and the mean of their trunks."""
-    from robogauntlet.policies.zoo import shipped
     from robogauntlet_mergevla.checkpoints.merge_experts import merge_parts, read_experts
     from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
     from robogauntlet_mergevla.merging.recipe import Recipe, TrunkRule
     from robogauntlet_mergevla.options import expert_folders
+    from robogauntlet_mergevla.zoo import shipped
 
     folders = dict.fromkeys(expert_folders(shipped(experts)).values())
     recipe = Recipe(operator="ta", trunk=TrunkRule.MEAN, kept_blocks=1)
@@ -208,11 +208,11 @@ def paper_routers(model: MergedModel, experts: str, options: Sequence[str]) -> d
     """The paper's router as coded, by the experts' own projections, and as written; hidden states computed once."""
     import torch
 
-    from robogauntlet.policies.zoo import shipped
     from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_tensors
     from robogauntlet_mergevla.options import expert_folders
     from robogauntlet_mergevla.routing.contract import hidden_states
     from robogauntlet_mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
+    from robogauntlet_mergevla.zoo import shipped
 
     folders = {model.expert_of[task]: folder for task, folder in expert_folders(shipped(experts)).items()}
     own = {expert: load_tensors(folder)[0] for expert, folder in folders.items()}

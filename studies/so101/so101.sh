@@ -16,14 +16,14 @@ export OMP_NUM_THREADS=1 FOLDER ROBOGAUNTLET
 "$ROBOGAUNTLET" policies demonstrate $TASKS --out "$FOLDER/demonstrations" --episodes "$(few 50)" \
     --render-profile fast-2 --workers 2
 [ -e "$FOLDER/base/card.json" ] ||
-    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" policies pretrain "$FOLDER/demonstrations" \
+    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" mergevla pretrain "$FOLDER/demonstrations" \
         --out "$FOLDER/base" --steps "$(few 2500)" --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 \
         --action-steps 4
 
 expert() {
     local name="${1/\//__}"
     [ -e "$FOLDER/experts/$name/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "$FOLDER/demonstrations/$name" --base "$FOLDER/base" \
+        "$ROBOGAUNTLET" mergevla finetune "$FOLDER/demonstrations/$name" --base "$FOLDER/base" \
             --out "$FOLDER/experts/$name" --steps "$2" --learning-rate 1e-3 --shift 2 --action-steps 4
 }
 export -f expert

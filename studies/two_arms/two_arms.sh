@@ -31,7 +31,7 @@ expert() {
     local name="${1/\//__}" steps="$2"
     shift 2
     [ -e "$FOLDER/experts/$name/card.json" ] ||
-        "$ROBOGAUNTLET" policies finetune "$DATA/$name" --base "$FOLDER/base" --out "$FOLDER/experts/$name" \
+        "$ROBOGAUNTLET" mergevla finetune "$DATA/$name" --base "$FOLDER/base" --out "$FOLDER/experts/$name" \
             --steps "$(few "$steps")" --learning-rate 1e-3 --shift 2 "$@"
 }
 export -f demonstrate expert
@@ -40,7 +40,7 @@ export FOLDER DATA ROBOGAUNTLET
 xargs -P 2 -L 1 bash -euo pipefail -c 'demonstrate "$@"' demonstrate <<<"$OF_THE_BASE"
 mapfile -t datasets < <(sed "s|/|__|; s| .*||; s|^|$DATA/|" <<<"$OF_THE_BASE")
 [ -e "$FOLDER/base/card.json" ] ||
-    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" policies pretrain "${datasets[@]}" --out "$FOLDER/base" \
+    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" mergevla pretrain "${datasets[@]}" --out "$FOLDER/base" \
         --steps "$(few 3200)" --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
 demonstrate maniskill/PushCube-v1 0.1
 xargs -P 2 -L 1 bash -euo pipefail -c 'expert "$@"' expert <<<"$EXPERTS"

@@ -22,8 +22,8 @@ WHOLE_NUMBERS = (
     ("axes sheet noise --out x.png", "--image-size", "15", "1025"),
     ("policies check random --task null/Reach", "--seed", "-1", None),
     ("policies check random --task null/Reach", "--image-size", "0", "100000"),
-    ("policies routing base", "--seeds", "0", "100001"),
-    ("policies routing base", "--first-seed", "-1", None),
+    ("mergevla routing base", "--seeds", "0", "100001"),
+    ("mergevla routing base", "--first-seed", "-1", None),
     ("bisect --good oracle --bad zero --task null/Reach", "--seeds", "0", "10001"),
     ("policies serve random", "--port", "-1", "65536"),
     ("policies serve random", "--batch", "0", "1025"),
@@ -47,9 +47,9 @@ NUMBERS = (
 UNRANGED = (
     *(("policies demonstrate null/Reach --out new", name) for name in ("--episodes", "--first-seed", "--workers")),
     ("policies demonstrate null/Reach --out new", "--image-size"),
-    *(("policies pretrain data/Reach --out new", name) for name in ("--steps", "--batch-size", "--seed", "--threads")),
-    *(("policies finetune data/Reach --base base --out new", name) for name in ("--steps", "--rank", "--shift")),
-    *(("policies merge experts --out new", name) for name in ("--rounds", "--keep-blocks")),
+    *(("mergevla pretrain data/Reach --out new", name) for name in ("--steps", "--batch-size", "--seed", "--threads")),
+    *(("mergevla finetune data/Reach --base base --out new", name) for name in ("--steps", "--rank", "--shift")),
+    *(("mergevla merge experts --out new", name) for name in ("--rounds", "--keep-blocks")),
 )
 """Whole numbers whose range depends on other things."""
 CHOICES = (
@@ -88,9 +88,9 @@ TEXTS = (
     *("bisect --good oracle --bad zero --task {}", "bisect --good oracle --bad zero --task null/Reach {}"),
     *("bisect --good oracle --bad zero --task null/Reach --out {}",),
     *("policies new {}", "policies check {}", "policies check random --picture {}", "policies serve {}"),
-    *("policies demonstrate {} --out new", "policies demonstrate null/Reach --out {}", "policies routing {}"),
-    *("policies pretrain {} --out new", "policies pretrain data/Reach --out {}", "policies merge {} --out new"),
-    *("policies finetune {} --base base --out new", "policies finetune data/Reach --base {} --out new"),
+    *("policies demonstrate {} --out new", "policies demonstrate null/Reach --out {}", "mergevla routing {}"),
+    *("mergevla pretrain {} --out new", "mergevla pretrain data/Reach --out {}", "mergevla merge {} --out new"),
+    *("mergevla finetune {} --base base --out new", "mergevla finetune data/Reach --base {} --out new"),
     *("search --policy {} --task null/Reach --budget 99", "search --policy random --task {} --budget 99"),
     *(f"search --policy random --task null/Reach --budget 99 {option} {{}}" for option in ("--axis", "--out")),
 )
@@ -160,8 +160,8 @@ MISSING = (
     ("env create", "Missing argument 'name'"),
     ("adapters new", "Missing argument 'name'"),
     ("policies demonstrate null/Reach", "Missing option '--out'"),
-    ("policies finetune data/Reach --out new", "Missing option '--base'"),
-    ("policies merge --out new", "Missing argument 'EXPERTS...'"),
+    ("mergevla finetune data/Reach --out new", "Missing option '--base'"),
+    ("mergevla merge --out new", "Missing argument 'EXPERTS...'"),
     ("policies serve", "Missing argument 'POLICY'"),
 )
 MISSPELT = (
@@ -181,11 +181,11 @@ MISSPELT = (
     *("adapters check --tsk", "adapters new --ot", "policies new --ot", "policies check --pictur"),
     *(
         "policies demonstrate --episods",
-        "policies pretrain --stps",
-        "policies finetune --rnk",
-        "policies merge --lamda",
+        "mergevla pretrain --stps",
+        "mergevla finetune --rnk",
+        "mergevla merge --lamda",
     ),
-    *("policies routing --kep", "policies serve --wait"),
+    *("mergevla routing --kep", "policies serve --wait"),
 )
 UNKNOWN = (
     ("rnu suite.yaml", "No such command 'rnu'"),

@@ -132,7 +132,7 @@ QUERIES = table(
             ("compare runs/monday --out {}", "a comparison"),
             ("compare runs/monday runs/tuesday --format junit --out {}", "a comparison"),
             ("gate runs/tuesday --baseline runs/monday --format json --out {}", "a comparison"),
-            ("policies routing zoo --json {}", "results of routers"),
+            ("mergevla routing zoo --json {}", "results of routers"),
         )
         for file in ("runs/monday/episodes.sqlite", "runs/monday/run.json", "suite.yaml", "run.zip", "text")
     ),

@@ -207,12 +207,12 @@ def test_an_expert_is_trained_on_several_tasks_and_merged_by_commands(tmp_path, 
     base = save_base(tmp_path / "base")
     save_expert(tmp_path / "experts" / "raise", base, TASKS[2], 2)
 
-    def policies(*arguments):
-        done = CliRunner().invoke(app, ["policies", *arguments])
+    def mergevla(*arguments):
+        done = CliRunner().invoke(app, ["mergevla", *arguments])
         assert done.exit_code == 0, done.exception
         return done.output
 
-    policies(
+    mergevla(
         *("finetune", "data/Reach", "data/Slow", "--base", "base", "--out", f"experts/{NAME}"),
         *("--steps", "2", "--batch-size", "4", "--rank", "2"),
     )
@@ -220,11 +220,11 @@ def test_an_expert_is_trained_on_several_tasks_and_merged_by_commands(tmp_path, 
     assert (metadata.tasks, metadata.expert) == (BOTH, NAME)
     together = DatasetMixture.open([tmp_path / "data" / "Reach", tmp_path / "data" / "Slow"]).statistics
     assert metadata.statistics == together.together(NAME)
-    output = policies("merge", "experts", "--out", "merged", "--demonstrations", "data", "--lambda", "auto")
+    output = mergevla("merge", "experts", "--out", "merged", "--demonstrations", "data", "--lambda", "auto")
     assert f"{NAME}: lambda" in output
     assert load_merged(tmp_path / "merged").metadata.recipe.lambda_.keys() == {NAME, TASKS[2]}
-    policies("merge", f"experts/{NAME}", "--out", "alone")
-    output = policies("routing", "alone", "--seeds", "2", "--demonstrations", "data", "--router", "oracle")
+    mergevla("merge", f"experts/{NAME}", "--out", "alone")
+    output = mergevla("routing", "alone", "--seeds", "2", "--demonstrations", "data", "--router", "oracle")
     assert "2 tasks, 2 seeds from 0" in output
 
 

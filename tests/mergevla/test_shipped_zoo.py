@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from robogauntlet.policies.zoo import shipped, zoo_folder
 from robogauntlet_mergevla.checkpoints.merged_metadata import MergedMetadata, merged_digest_of
 from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata, digest_of
 from robogauntlet_mergevla.kinds import MERGED
 from robogauntlet_mergevla.options import expert_folders
+from robogauntlet_mergevla.zoo import shipped, zoo_folder
 from tests.policies.zoo import WITH_EXPERTS
 
 MB = 1_000_000

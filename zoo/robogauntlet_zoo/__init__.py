@@ -1,1 +1,1 @@
-"""Checkpoints for RoboGauntlet, found by `robogauntlet.policies.zoo`."""
+"""Checkpoints for RoboGauntlet, found by `robogauntlet_mergevla.zoo`."""

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from robogauntlet.adapters.catalog import task_descriptions
-from robogauntlet.policies.zoo import shipped
 from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, tensors_of
 from robogauntlet_mergevla.checkpoints.expert_copies import quantised_copy, restored
 from robogauntlet_mergevla.checkpoints.merged_model import MergedWeights, leading
@@ -38,6 +37,7 @@ from robogauntlet_mergevla.merging.task_vectors import (
 from robogauntlet_mergevla.merging.trunk import mean_trunk, split_trunk
 from robogauntlet_mergevla.network.lora import BACKBONE, Factors, lora_factors
 from robogauntlet_mergevla.network.normalisation import TaskStatistics
+from robogauntlet_mergevla.zoo import shipped
 
 VALUES = "action_expert.blocks.{block}.{path}.weight"
 

@@ -22,7 +22,6 @@ from pydantic.dataclasses import dataclass
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.hub import OnHub, check_download
 from robogauntlet.policies.stored import STRICT, Stored, StoredError
-from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.errors import first_line
 from robogauntlet.support.files import open_regular, read_regular
@@ -31,6 +30,7 @@ from robogauntlet.support.text import shortened
 from robogauntlet_mergevla.checkpoints.tensor_file import StoredTensor, TensorFileError, read_header
 from robogauntlet_mergevla.network.config import Architecture, LoraSettings
 from robogauntlet_mergevla.network.normalisation import TaskStatistics
+from robogauntlet_mergevla.zoo import shipped
 
 WEIGHTS, METADATA_FILE, FORMAT = "model.safetensors", "card.json", 1
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt")
@@ -142,7 +142,7 @@ class CheckpointMetadata(StoredMetadata):
             raise CheckpointError("expected an expert with adapters on a base, got none")
         if len(self.statistics.tasks) != 1:
             raise CheckpointError(
-                "expected an expert with statistics of all its tasks together, as 'policies finetune' trains one, "
+                "expected an expert with statistics of all its tasks together, as 'mergevla finetune' trains one, "
                 f"got those of each of {', '.join(self.tasks)}"
             )
         return self.statistics.tasks[0]
@@ -165,7 +165,7 @@ def locate(reference: str) -> Path:
 
     Args:
         reference: A folder, a hub id such as `owner/name` or `owner/name@revision`, or a part of the zoo, see
-            `robogauntlet.policies.zoo.shipped`.
+            `robogauntlet_mergevla.zoo.shipped`.
 
     Raises:
         PolicyError: It is none of these, or it holds a pickle.

@@ -1,4 +1,4 @@
-"""`robogauntlet policies finetune`: train an expert for one task or several."""
+"""`robogauntlet mergevla finetune`: train an expert for one task or several."""
 
 from __future__ import annotations
 

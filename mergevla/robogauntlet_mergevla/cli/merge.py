@@ -1,4 +1,4 @@
-"""`robogauntlet policies merge`: merge experts into one model that infers the task."""
+"""`robogauntlet mergevla merge`: merge experts into one model that infers the task."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import typer
 from rich.table import Table
 
 from robogauntlet.orchestrator.cli.common import out, print_line
-from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput, describe_os_error_at
 from robogauntlet.support.json_text import parse_json
@@ -27,6 +26,7 @@ from robogauntlet_mergevla.cli.training_progress import needs_training_packages
 from robogauntlet_mergevla.merging.errors import ExpertsDiffer, MergeError, OutOfRange
 from robogauntlet_mergevla.merging.recipe import LAMBDA, MASKS_OF, BackboneRule, MaskRule, Recipe
 from robogauntlet_mergevla.options import expert_folders
+from robogauntlet_mergevla.zoo import shipped
 
 AUTO = "auto"
 

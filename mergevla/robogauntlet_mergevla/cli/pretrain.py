@@ -1,4 +1,4 @@
-"""`robogauntlet policies pretrain`: train the base that experts start from."""
+"""`robogauntlet mergevla pretrain`: train the base that experts start from."""
 
 from __future__ import annotations
 

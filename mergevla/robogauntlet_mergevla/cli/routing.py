@@ -1,4 +1,4 @@
-"""`robogauntlet policies routing`: evaluate how well routers infer the task, without playing episodes."""
+"""`robogauntlet mergevla routing`: evaluate how well routers infer the task, without playing episodes."""
 
 from __future__ import annotations
 

@@ -54,8 +54,8 @@ def demonstrate(
     learner: Annotated[
         str | None,
         typer.Option(
-            metavar="EXPERTS",
-            help="Folder of experts: each acts first in its task, then the oracle takes over (DAgger).",
+            metavar="POLICY",
+            help="Policy that acts first, then the oracle takes over (DAgger), such as a folder of experts.",
         ),
     ] = None,
     whole: Annotated[

@@ -1,4 +1,4 @@
-"""`robogauntlet policies merge`: its files, its output and its errors."""
+"""`robogauntlet mergevla merge`: its files, its output and its errors."""
 
 import pytest
 from typer.testing import CliRunner
@@ -21,7 +21,7 @@ def zoo(tmp_path_factory):
 
 
 def merge(*arguments):
-    return CliRunner().invoke(app, ["policies", "merge", *map(str, arguments)])
+    return CliRunner().invoke(app, ["mergevla", "merge", *map(str, arguments)])
 
 
 def test_experts_are_merged_and_routers_fitted(zoo, tmp_path):
@@ -121,7 +121,7 @@ def test_an_earlier_merged_checkpoint_and_leftovers_are_overwritten(zoo, tmp_pat
 def test_a_mistake_is_one_line_and_leaves_nothing_behind(run_command, arguments, message, zoo, tmp_path):
     stranger = save_expert(tmp_path / "stranger", save_base(tmp_path / "base", seed=9), "null/Odd", 5)
     places = [argument.format(zoo=zoo, stranger=stranger) for argument in arguments]
-    assert message in run_command("policies", "merge", *places, "--out", tmp_path / "out").refusal
+    assert message in run_command("mergevla", "merge", *places, "--out", tmp_path / "out").refusal
     assert not (tmp_path / "out").exists()
 
 

@@ -1,4 +1,4 @@
-"""`robogauntlet policies routing`: its output, its files and its errors."""
+"""`robogauntlet mergevla routing`: its output, its files and its errors."""
 
 import json
 from io import StringIO
@@ -32,14 +32,14 @@ def zoo(tmp_path_factory, ray_here):
         dataset(folder / "data", task.partition("/")[2], range(10 * start, 10 * start + 8), instruction=task)
     save_merged(folder / "plain", merging(experts, operator="ta"))
     arguments = [*map(str, experts), "--out", folder / "merged", "--demonstrations", folder / "data"]
-    assert CliRunner().invoke(app, ["policies", "merge", *map(str, arguments)]).exit_code == 0
+    assert CliRunner().invoke(app, ["mergevla", "merge", *map(str, arguments)]).exit_code == 0
     done = study(folder / "merged", "--first-seed", 1, "--seeds", 4, "--keep", folder / "kept")
     assert done.exit_code == 0, done.exception
     return folder
 
 
 def study(*arguments):
-    return CliRunner().invoke(app, ["policies", "routing", *map(str, arguments)])
+    return CliRunner().invoke(app, ["mergevla", "routing", *map(str, arguments)])
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_a_checkpoint_without_fitted_routers_is_evaluated_with_the_others(zoo, n
     ],
 )
 def test_a_mistake_is_one_line(run_command, arguments, message, zoo):
-    assert message in run_command("policies", "routing", *(argument.format(zoo=zoo) for argument in arguments)).refusal
+    assert message in run_command("mergevla", "routing", *(argument.format(zoo=zoo) for argument in arguments)).refusal
 
 
 def test_a_hanging_simulator_is_abandoned(monkeypatch, tmp_path):

@@ -50,13 +50,13 @@ def base(data, tmp_path_factory):
 )
 def test_a_mistake_is_one_line_and_leaves_nothing_behind(run_command, arguments, message, data, base, tmp_path):
     places = {"data": data, "base": base, "out": tmp_path / "out"}
-    assert message in run_command("policies", *(argument.format(**places) for argument in arguments)).refusal
+    assert message in run_command("mergevla", *(argument.format(**places) for argument in arguments)).refusal
     assert not (tmp_path / "out").exists()
 
 
 def finetune(data, base, folder, *more):
     arguments = [str(data), "--base", str(base), "--out", str(folder / "expert"), "--batch-size", "4", "--rank", "2"]
-    return CliRunner().invoke(app, ["policies", "finetune", *arguments, *more])
+    return CliRunner().invoke(app, ["mergevla", "finetune", *arguments, *more])
 
 
 def test_a_checkpoint_that_cannot_be_written_is_one_line(data, base, tmp_path):

@@ -226,7 +226,7 @@ def test_it_plays_an_episode_twice_the_same(kind_and_options):
 
 
 def test_a_shipped_checkpoint_is_found_by_its_name(folders, merged, monkeypatch):
-    monkeypatch.setattr("robogauntlet.policies.zoo.zoo_folder", lambda: merged.parent)
+    monkeypatch.setattr("robogauntlet_mergevla.zoo.zoo_folder", lambda: merged.parent)
     assert EXPERTS.digest({"folder": "zoo:experts"}) == EXPERTS.digest({"folder": str(folders[0].parent)})
     assert MERGED.digest({"checkpoint": "zoo:merged"}) == MERGED.digest({"checkpoint": str(merged)})
     MERGED.load({"checkpoint": "zoo:merged"})

@@ -92,7 +92,7 @@ def test_the_command_line_says_what_it_minimises(pool, tmp_path, monkeypatch):
     monkeypatch.setitem(config.SIZES, "small", SMALL)
     data, out = str(pool.datasets[0].folder.parent), tmp_path / "base"
     arguments = [data, "--out", str(out), "--size", "small", "--steps", "2", "--batch-size", "4"]
-    done = CliRunner().invoke(app, ["policies", "pretrain", *arguments, "--without-actions"])
+    done = CliRunner().invoke(app, ["mergevla", "pretrain", *arguments, "--without-actions"])
     assert done.exit_code == 0, done.exception
     assert "step 2/2  matching loss " in done.output
     assert f"{out}: matching loss " in done.output.replace("\n", "")

@@ -20,7 +20,7 @@ class NotShipped(PolicyError):
 @cache
 def zoo_folder() -> Path:
     """Return the folder of the checkpoints: a clone's own, else that of the distribution `robogauntlet-zoo`."""
-    in_clone = Path(__file__).resolve().parents[1] / "zoo" / PACKAGE
+    in_clone = Path(__file__).resolve().parents[2] / "zoo" / PACKAGE
     if in_clone.is_dir():
         return in_clone
     spec = find_spec(PACKAGE)

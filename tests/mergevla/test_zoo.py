@@ -2,8 +2,8 @@
 
 import pytest
 
-from robogauntlet.policies import zoo
-from robogauntlet.policies.zoo import NotShipped, shipped
+from robogauntlet_mergevla import zoo
+from robogauntlet_mergevla.zoo import NotShipped, shipped
 
 
 @pytest.fixture
