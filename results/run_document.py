@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, field_validator
 
-from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import Condition, RenderProfile, SuccessRule
 from robogauntlet.suites.schema import Suite
 from robogauntlet.support.files import RefusedFile, read_regular, write_whole
 
@@ -139,6 +139,29 @@ class Provenance(_Model):
         return {**self.packages, **apart, **self.definitions}
 
 
+class RunArguments(_Model):
+    """What `robogauntlet run` was given, for `robogauntlet resume`: a part of the suite file, and how to play it."""
+
+    policies: tuple[Text, ...] = ()
+    options: tuple[Text, ...] = ()
+    """Options of policies, `NAME=VALUE`."""
+    tasks: tuple[Text, ...] = ()
+    seeds: Count | None = None
+    success: SuccessRule | None = None
+    image_size: Count | None = None
+    replan_every: Count | None = None
+    render_profile: RenderProfile | None = None
+    workers: Count | str | None = None
+    require: tuple[str, ...] = ()
+    address: str | None = None
+    history: Text | None = None
+    """URL of the history (password hidden)."""
+    retry_errors: bool = False
+    media: bool | None = None
+    log: str | None = None
+    log_project: str | None = None
+
+
 class RunDocument(_Model):
     """The content of `run.json`."""
 
@@ -167,6 +190,8 @@ class RunDocument(_Model):
     """Videos and snapshots that were not recorded, for lack of time or because of an error."""
     command: Annotated[str, Field(max_length=LONGEST_SUITE)] | None = None
     """The command that continues the run."""
+    arguments: RunArguments | None = None
+    """None if another command than `run` began it."""
     status: RunStatus = RunStatus.RUNNING
     reason: Text | None = None
     plan: Annotated[tuple[PlannedCell, ...], FailFast()]

@@ -1,7 +1,7 @@
 """Tells runs that this user played from folders that came from elsewhere: copied, unpacked or imported.
 
 A run folder states what to import, contact and start. Only the user's own word for that is taken: a mark in the folder,
-made with a key that never leaves the user's machine, of this run, these policies and this place.
+made with a key that never leaves the user's machine, of this run, what it plays and this place.
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ def _mark(key: bytes, folder: Path, document: RunDocument) -> str:
         "folder": os.path.realpath(folder),
         "policies": [entry.model_dump(mode="json") for entry in suite.policies],
         "environments": {name: entry.model_dump(mode="json") for name, entry in suite.environments.items()},
+        "suite_text": document.suite_text,
+        "arguments": document.arguments and document.arguments.model_dump(mode="json"),
     }
     return hmac.new(key, json.dumps(chosen, sort_keys=True).encode(), "sha256").hexdigest()
 

@@ -15,6 +15,7 @@ from typer.main import get_group
 
 VERBS = {
     "run": ("run:run", "Run a suite, or continue a run, and write its report."),
+    "resume": ("resume:resume", "Continue a run of yours: play its missing episodes as it was begun."),
     "plan": ("plan:plan", "Show the episodes that a suite plans, without starting anything."),
     "validate": ("validate:validate", "Check suite files and report every mistake with its line."),
     "list": ("list:list_names", "List simulators, tasks, policies, shipped suites, or the episodes of a run."),

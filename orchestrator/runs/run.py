@@ -30,7 +30,7 @@ from robogauntlet.orchestrator.runs.run_progress import RunProgress
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
-from robogauntlet.results.run_document import RunStatus, shortened, write_run
+from robogauntlet.results.run_document import RunArguments, RunStatus, shortened, write_run
 from robogauntlet.results.store.episode_store import StoreError, check_place
 from robogauntlet.results.store.run_history import History
 from robogauntlet.suites.episode import Cell
@@ -71,6 +71,8 @@ class RunOptions:
     """The schedule that starts this run, if any."""
     command: str | None = None
     """The command that continues this run."""
+    arguments: RunArguments | None = None
+    """What `robogauntlet resume` needs to continue it."""
 
 
 def run_plan(
@@ -119,7 +121,8 @@ class RunSession(Observer):
         self._plan, self._options = plan, options
         self._rounds = rounds
         self._ray = stack.enter_context(contextlib.ExitStack())
-        document = create_or_continue(plan, folder, options.store).model_copy(update={"command": options.command})
+        document = create_or_continue(plan, folder, options.store)
+        document = document.model_copy(update={"command": options.command, "arguments": options.arguments})
         self._place = RunPlace(plan, folder, document, options.store)
         stack.callback(lambda: self._place.store.close())
         self._history.record(document, folder, schedule=options.schedule)

@@ -121,7 +121,7 @@ def _read_document(file: ExportedFile, source: Path) -> RunDocument:
         raise RunError(f"{source}: its run id is not one of this program")
     if document.status is RunStatus.COMPLETE and document.rows_hash is None:
         raise RunError(f"{source}: expected a hash of the rows of a complete run, it has none")
-    return document.model_copy(update={"origin": "imported", "command": None, "store_url": None})
+    return document.model_copy(update={"origin": "imported", "command": None, "arguments": None, "store_url": None})
 
 
 def _store_rows(file: Path, document: RunDocument, store_file: Path) -> None:

@@ -261,7 +261,7 @@ class ThreeNodes(OneMachine):
             return True
         if code != 3:
             self._problems.append(f"expected exit code 3 after the death of the head, got {code}")
-        if "continue with: robogauntlet run" not in command.log.read_text():
+        if "continue with: robogauntlet resume" not in command.log.read_text():
             self._problems.append(f"expected a message about the death of the head; see {command.log}")
         return True
 

@@ -161,7 +161,7 @@ def test_the_death_of_the_head_ends_a_run_with_a_message_and_it_continues_elsewh
         assert process.wait(120) == 3
     text = log.read_text()
     assert f"the head of the cluster at {cluster.address} has not answered for 20 s" in text
-    assert "continue with: robogauntlet run" in text
+    assert "continue with: robogauntlet resume" in text
     assert read_run(folder).status is RunStatus.STOPPED
     subprocess.run(command(suite, folder), check=True, stdout=subprocess.DEVNULL)
     subprocess.run(command(suite, tmp_path / "one"), check=True, stdout=subprocess.DEVNULL)

@@ -239,10 +239,10 @@ def test_media_that_are_missing_are_counted_and_recorded_on_request(run_command,
     shutil.rmtree(folder / "media")
     slow = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps(slow | {"media_s": 1000.0}))
-    command = f"robogauntlet run {suite} --out {folder}"
+    command = f"robogauntlet resume {folder}"
     printed = run_command("run", suite, "--out", folder).out
     assert f"not recorded: 2 videos and snapshots; to record all: {command} --media" in printed
-    printed = run_gauntlet("run", suite, "--out", folder, "--media").stdout
+    printed = run_gauntlet("resume", folder, "--media").stdout
     assert printed.index("10 of 10 episodes") < printed.index("recorded 2 videos and snapshots in")
     assert "left out" not in printed
     assert len(list((folder / "media/videos").iterdir())) == 2
@@ -287,8 +287,7 @@ def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp
     process.send_signal(number)
     _, complaints = process.communicate(timeout=30)
     assert process.returncode == EXIT_INTERRUPTED
-    again = f"robogauntlet run {suite} --task 'null/*' --seeds 50 --out {folder}"
-    assert f"interrupted; continue with: {again}" in complaints
+    assert f"interrupted; continue with: robogauntlet resume {folder}" in complaints
     assert "Traceback" not in complaints
     assert (folder / "report.html").exists()
     assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"

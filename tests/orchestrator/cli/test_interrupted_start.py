@@ -96,7 +96,7 @@ def test_a_run_that_is_interrupted_before_its_first_row_writes_no_report_and_can
     command, options = [sys.executable, "-c", BEFORE_THE_FIRST_ROW, *words], {"cwd": tmp_path, "env": environment_of()}
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
     assert done.returncode == 130
-    assert "interrupted; continue with: robogauntlet run" in done.stderr
+    assert "interrupted; continue with: robogauntlet resume run" in done.stderr
     assert "report" not in done.stdout
     assert {path.name for path in (tmp_path / "run").iterdir()} >= {"run.json", "episodes.sqlite"}
     assert not (tmp_path / "run" / "report.html").exists()

@@ -139,5 +139,5 @@ def test_a_suite_with_another_policy_is_a_run_without_the_roles_of_its_own(run_c
     assert suite.policies[0].options["files"] == ["s.yaml"]
     assert (suite.compare, suite.oracle_gate, suite.no_skill_baselines) == (None, None, ())
     resume = shlex.split(read_run(folder / "run").command)
-    assert resume[1:3] == ["run", "s.yaml"]
+    assert resume[1:] == ["resume", "run"]
     assert "continuing: 3 of 3 episodes already done" in run_command(*resume[1:]).out
