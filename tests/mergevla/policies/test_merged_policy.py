@@ -78,7 +78,7 @@ class Fixed:
 
 @pytest.mark.parametrize("kind", [KIND, EXPERTS, MERGED])
 def test_the_entry_point_names_the_kind(kind):
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = tomllib.loads((ROOT / "mergevla" / "pyproject.toml").read_text())
     place = project["project"]["entry-points"]["robogauntlet.policies"][kind.name]
     assert metadata.EntryPoint(kind.name, place, "robogauntlet.policies").load() is kind
 
@@ -382,7 +382,7 @@ def test_missing_packages_are_one_line(kind, folders, merged, monkeypatch):
     for name in ("single_policy", "merged_policy"):
         monkeypatch.setitem(sys.modules, f"robogauntlet_mergevla.policies.{name}", None)
     options = {"folder": str(folders[0].parent), "checkpoint": str(merged)}
-    message = rf"policy '{kind.name}': not installed .*; pip install \./mergevla"
+    message = rf"policy '{kind.name}': not installed .*: pip install \./mergevla"
     refused(kind, options, message)
 
 
