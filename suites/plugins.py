@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from importlib import metadata
 from itertools import accumulate
 from typing import Any, Protocol, TypeVar
@@ -14,6 +14,8 @@ from typing import Any, Protocol, TypeVar
 LISTED, LONGEST_LIST = 12, 250
 """Maximum number of known names in a message, and of their characters."""
 MOST_HINTS = 10
+CANDIDATES = 500
+"""Names that are compared closely with a misspelt one."""
 _hints_left: ContextVar[int | None] = ContextVar("hints_left", default=None)
 
 
@@ -115,11 +117,7 @@ def did_you_mean(name: str, known: Iterable[str], *, meant: Sequence[str] = ()) 
     if len(meant) > 1:
         return f"; did you mean one of {', '.join(meant)}?"
     known = sorted(known)
-    near = (
-        [*meant]
-        or [k for k in known if "/" in name and k.startswith(f"{name}-")]
-        or get_close_matches(name, known, 1, 0.5)
-    )
+    near = [*meant] or [k for k in known if "/" in name and k.startswith(f"{name}-")] or _closest(name, known)
     near = near or [k for k in known if k.split("/")[-1].startswith(name)]
     if near:
         return f"; did you mean '{near[0]}'?"
@@ -128,3 +126,14 @@ def did_you_mean(name: str, known: Iterable[str], *, meant: Sequence[str] = ()) 
     if len(known) > listed:
         return f"; known: {', '.join(known[:listed])} and {len(known) - listed} more"
     return f"; known: {', '.join(known)}" if known else "; there are none"
+
+
+def _closest(name: str, known: Sequence[str]) -> list[str]:
+    """The nearest of the names if it is near, as `difflib` compares them; of thousands, those with like letters."""
+    if len(known) > CANDIDATES:
+        matcher, likeness = SequenceMatcher(b=name), {}
+        for one in known:
+            matcher.set_seq1(one)
+            likeness[one] = matcher.quick_ratio()
+        known = sorted(known, key=lambda one: likeness[one])[-CANDIDATES:]
+    return get_close_matches(name, known, 1, 0.5)

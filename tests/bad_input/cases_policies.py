@@ -19,7 +19,7 @@ REFERENCES = {
     "randm": "got 'randm'; did you mean 'random'?",
     "nowhere/checkpoint": "expected openpi://HOST:PORT, python:MODULE:NAME, lerobot:FOLDER, zoo:NAME",
     "text": "expected openpi://HOST:PORT",
-    "notes": "got 'notes', a folder without a checkpoint: neither card.json nor LeRobot's config.json is in it",
+    "notes": "got 'notes', a folder without a checkpoint: no kind of policy knows what is in it",
     "http://127.0.0.1:1": "got 'http://127.0.0.1:1'; did you mean 'openpi://127.0.0.1:1'?",
     "ws://127.0.0.1:1": "policy server ws://127.0.0.1:1",
     "lerobot/act_pusht": "got 'lerobot/act_pusht'; did you mean 'lerobot:lerobot/act_pusht'?",
