@@ -10,13 +10,14 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, print_line
-from robogauntlet.orchestrator.schedules.run_process import is_running
+from robogauntlet.results.folder_lock import LOCK_FILE
 from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import SHORTEST_ID
 from robogauntlet.support.errors import BadInput, describe_os_error
+from robogauntlet.support.files import is_held
 
 
 def forget(
@@ -58,7 +59,7 @@ def _folder_of(entry: RunEntry) -> Path | None:
     folder = Path(entry.folder) if entry.folder else None
     if folder is None or not (folder / RUN_FILE).exists():
         return None
-    if is_running(folder):
+    if is_held(folder / LOCK_FILE):
         raise BadInput(f"{folder}: expected a run that has ended, a process is running it; stop it first")
     with contextlib.suppress(RunError):  # a broken run can be forgotten, too
         if (found := read_run(folder).run_id) != entry.run_id:

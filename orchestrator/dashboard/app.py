@@ -16,7 +16,6 @@ from starlette.types import ASGIApp
 from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs
 from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
 from robogauntlet.orchestrator.dashboard.security import Guard, line
-from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.database import StoreError
@@ -41,7 +40,7 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
     app.state.app_state = app_state
     for module in (pages, runs, compare, failures, files, login, metrics):
         app.include_router(module.router)
-    for kind in (StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
+    for kind in (StoreError, RunError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
     return Guard(app, host=settings.host, public_host=settings.public_host, token=settings.token)
 
@@ -69,7 +68,7 @@ def _explain(request: Request, error: Exception) -> Response:
     elif isinstance(error, RequestValidationError):
         first = error.errors()[0]
         status, message = 400, f"{'.'.join(map(str, first['loc'][1:]))}: {first['msg']}"
-    elif isinstance(error, StoreError | RunError | ScheduleError):
+    elif isinstance(error, StoreError | RunError):
         status, message = 503, str(error)
         log.warning("%s: %s", request.url.path, error)
     else:

@@ -19,7 +19,6 @@ from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
 from robogauntlet.orchestrator.dashboard.answers import Answers
-from robogauntlet.orchestrator.schedules.server import why_unserved
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
@@ -32,8 +31,6 @@ SYNC_S = 30.0
 """Interval at which run folders that the history does not list are imported (s)."""
 NAMES_S = 15.0
 """Lifetime of the cached lists of names (s)."""
-UNSERVED_S = 5.0
-"""Lifetime of the cached answer whether the schedules are served (s)."""
 CACHED = 4096
 """Answers that are kept: comparisons, leaderboards, videos and kinds of failures of a run."""
 SLOW_PAGES = 2
@@ -114,11 +111,6 @@ class AppState:
     def choices(self) -> Names:
         """Return the names for filters, at most `NAMES_S` old. Raises StoreError."""
         return self.answers.get("names", self._read_names, NAMES_S)
-
-    def unserved(self) -> str:
-        """A line if no process serves the schedules, or nothing. Raises StoreError."""
-        places = self.schedule_store, self.settings.root
-        return self.answers.get("unserved", lambda: why_unserved(*places, time.time()) or "", UNSERVED_S)
 
     def _read_names(self) -> Names:
         return Names(list(self.history.suites()), list(queries.statuses(self.history)), self.history.policies())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -17,7 +16,6 @@ from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
 from robogauntlet.orchestrator.dashboard.live_view import SILENT, state_of
 from robogauntlet.orchestrator.dashboard.security import line
-from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.results.analysis.comparison import Verdict
 
 router = APIRouter()
@@ -82,16 +80,14 @@ class _Gauges(Collector):
                 verdicts.add_metric([suite, str(verdict)], float(last == str(verdict)))
         yield verdicts
 
-        meaning = "1 if a process serves the schedules or there are none, else 0."
-        yield GaugeMetricFamily("robogauntlet_schedules_served", meaning, float(not self._app_state.unserved()))
-        meaning = "Runs that were due and that no process has started."
-        waiting = len(self._app_state.schedule_store.unserved(now))
-        yield GaugeMetricFamily("robogauntlet_schedules_waiting", meaning, float(waiting))
-
+        schedules = self._app_state.schedule_store.schedules()
+        meaning = "1 if all schedules that a process served are served, else 0."
+        served = all(schedule.is_served(now) for schedule in schedules)
+        yield GaugeMetricFamily("robogauntlet_schedules_served", meaning, float(served))
         due = GaugeMetricFamily(
             "robogauntlet_schedule_next_due_seconds", "When a schedule is due next (Unix time).", labels=["schedule"]
         )
-        for schedule in self._app_state.schedule_store.schedules():
-            with contextlib.suppress(ScheduleError):
-                due.add_metric([schedule.name], schedule.next_due(now))
+        for schedule in schedules:
+            if schedule.next_due_at is not None:
+                due.add_metric([schedule.name], schedule.next_due_at)
         yield due

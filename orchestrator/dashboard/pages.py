@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 
 from fastapi import APIRouter
@@ -14,7 +13,6 @@ from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
 from robogauntlet.orchestrator.dashboard.live_view import live_view, shape_of
 from robogauntlet.orchestrator.dashboard.runs import running
-from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, State
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow, leaderboard
 from robogauntlet.results.newest_results import latest_results_per_policy
 from robogauntlet.results.record import FailureKind
@@ -28,23 +26,12 @@ MAX_RUNS = 200
 router = APIRouter()
 
 
-@dataclass(frozen=True)
-class Due:
-    """A schedule and its next due time."""
-
-    schedule: Schedule
-    at: float | None
-    """Seconds since 1970, UTC; None: never."""
-    problem: str = ""
-    """Why the next time is unknown."""
-
-
 @router.get("/")
 def overview(app_state: CurrentAppState) -> Response:
     """Show running suites, the last verdicts and the next runs."""
     now = time.time()
     live = [live_view(entry, now) for entry in running(app_state)]
-    due = [schedule for schedule in _due(app_state, now) if schedule.at is not None]
+    schedules = app_state.schedule_store.schedules()
     return app_state.page(
         "overview.html.jinja",
         here="/",
@@ -53,8 +40,9 @@ def overview(app_state: CurrentAppState) -> Response:
         poll="/api/live",
         verdicts=queries.compared_runs(app_state.history, LAST_VERDICTS),
         newest=app_state.history.runs(limit=LAST_VERDICTS),
-        due=sorted(due, key=lambda due: due.at or 0.0)[:LAST_VERDICTS],
-        unserved=app_state.unserved(),
+        due=sorted((one for one in schedules if one.next_due_at), key=lambda one: one.next_due_at or 0.0)[
+            :LAST_VERDICTS
+        ],
         statuses=queries.statuses(app_state.history),
     )
 
@@ -116,10 +104,8 @@ def schedule(app_state: CurrentAppState) -> Response:
     return app_state.page(
         "schedule.html.jinja",
         here="/schedule",
-        due=_due(app_state, time.time()),
-        unserved=app_state.unserved(),
-        scheduled_runs=app_state.schedule_store.scheduled_runs(limit=LAST_SCHEDULED_RUNS),
-        bad=(State.FAILED, State.MISSED),
+        schedules=app_state.schedule_store.schedules(),
+        entries=queries.page_of_runs(app_state.history, queries.Filter(scheduled=True), LAST_SCHEDULED_RUNS, 0),
     )
 
 
@@ -129,13 +115,3 @@ def _standings(app_state: AppState, suite: str) -> tuple[list[LeaderboardRow], l
         return [], []
     played = list(latest_results_per_policy(app_state.history, suite, left_out.append))
     return leaderboard(played) if played else [], left_out
-
-
-def _due(app_state: AppState, now: float) -> list[Due]:
-    due = []
-    for schedule in app_state.schedule_store.schedules():
-        try:
-            due.append(Due(schedule, schedule.next_due(now)))
-        except ScheduleError as error:
-            due.append(Due(schedule, None, str(error)))
-    return due

@@ -23,6 +23,8 @@ class Filter:
     suite: str | None = None
     status: str | None = None
     policy: str | None = None
+    scheduled: bool = False
+    """Only runs that a schedule started."""
 
     def of(self, query: Any) -> Any:
         """Add the restrictions to a query."""
@@ -32,6 +34,8 @@ class Filter:
             query = query.where(runs.c.status == self.status)
         if self.policy is not None:
             query = query.where(sa.exists().where(cells.c.run_id == runs.c.run_id, cells.c.policy == self.policy))
+        if self.scheduled:
+            query = query.where(runs.c.schedule.is_not(None))
         return query
 
 

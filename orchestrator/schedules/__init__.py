@@ -1,1 +1,1 @@
-"""Scheduled runs: their times, their outcomes and the process that starts them."""
+"""Suites that are run at given times, compared with the run before, and reported on."""

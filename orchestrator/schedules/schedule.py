@@ -1,19 +1,20 @@
-"""Schedules, scheduled runs, and the times of cron expressions."""
+"""Schedules: a YAML file of suites and the times at which they are run."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
-from itertools import takewhile
+from pathlib import Path
+from typing import Annotated
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 from cronsim import CronSim, CronSimError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.ranges import MAX_COUNT
+from robogauntlet.suites.yaml_file import YamlError, parse_yaml, read_yaml
 from robogauntlet.support.errors import BadInput
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
@@ -38,32 +39,10 @@ class ScheduleError(BadInput):
     """A schedule is invalid; the message says what was expected and what was given."""
 
 
-class CatchUp(StrEnum):
-    """What happens to runs that were due while no schedule server ran, or while an earlier run was in progress."""
-
-    LATEST = "latest"
-    """The last one is run; the others are missed."""
-    ALL = "all"
-    """All are run, one after the other."""
-    SKIP = "skip"
-    """All are missed."""
-
-
-class State(StrEnum):
-    """State of a scheduled run."""
-
-    DUE = "due"
-    RUNNING = "running"
-    DONE = "done"
-    FAILED = "failed"
-    """The run could not start, or stopped early: `outcome` says why."""
-    MISSED = "missed"
-    """The run was due and was not started."""
-
-
-@dataclass(frozen=True)
-class Schedule:
+class Schedule(BaseModel):
     """A suite that is run at given times."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 
     name: str
     suite: str
@@ -71,25 +50,19 @@ class Schedule:
     cron: str
     """Minute, hour, day of month, month, day of week, as cron(5) reads them."""
     timezone: str = "UTC"
-    arguments: tuple[str, ...] = ()
+    arguments: list[str] = []
     """Further arguments of `robogauntlet run`."""
-    catch_up: CatchUp = CatchUp.LATEST
-    keep: int | None = None
+    keep: Annotated[int | None, Field(ge=1, le=MAX_COUNT)] = None
     """Number of run folders to keep; older ones are removed, their results stay in the history. None: all."""
     gate: bool = True
     """Whether each run is compared with the last good one."""
-    created_at: float = 0.0
-    """Seconds since 1970, UTC."""
-
-    def due(self, after: float, until: float) -> Iterator[float]:
-        """Return the due times after `after` and up to `until` (seconds since 1970, UTC)."""
-        return takewhile(lambda moment: moment <= until, self._moments(after))
 
     def next_due(self, after: float) -> float:
-        """Return the next due time (seconds since 1970, UTC). Raises ScheduleError."""
-        return next(self._moments(after))
+        """Return the next due time after a moment (seconds since 1970, UTC). Raises ScheduleError."""
+        return next(self.due(after))
 
-    def _moments(self, after: float) -> Iterator[float]:
+    def due(self, after: float) -> Iterator[float]:
+        """Yield the due times after a moment (seconds since 1970, UTC). Raises ScheduleError."""
         for moment in parsed(self.cron, datetime.fromtimestamp(after, _zone(self.timezone))):
             # Where an hour is repeated or skipped, the first moment may be past, or two may be equal.
             if moment.timestamp() > after:
@@ -97,35 +70,38 @@ class Schedule:
                 yield after
 
 
-@dataclass(frozen=True)
-class ScheduledRun:
-    """One time at which a schedule was due, and its outcome."""
+def read_schedules(path: Path) -> list[Schedule]:
+    """Return the schedules of a YAML file, a mapping of names; suite files are beside it.
 
-    schedule: str
-    due_at: float
-    """Seconds since 1970, UTC. With the schedule's name, its identity."""
-    state: State
-    folder: str
-    """Run folder."""
-    manual: bool = False
-    """Whether a person started it, not the clock."""
-    began_at: float | None = None
-    ended_at: float | None = None
-    outcome: str = ""
-    """One line."""
-    run_id: str | None = None
-    """Id of the run, once the run has started."""
+    Raises:
+        ScheduleError: It cannot be read, or a schedule is invalid.
+    """
+    try:
+        document = parse_yaml(read_yaml(path, "a file of schedules"))
+    except YamlError as error:
+        raise ScheduleError(f"{path}: {error}") from None
+    if document.duplicates:
+        raise ScheduleError(f"{path}: schedule '{document.duplicates[0][1]}' is there twice")
+    if not isinstance(document.data, dict) or not all(isinstance(one, dict) for one in document.data.values()):
+        raise ScheduleError(f"{path}: expected a mapping, such as `nightly: {{suite: smoke, cron: '0 2 * * *'}}`")
+    return [_schedule(path, name, values) for name, values in document.data.items()]
 
 
-def checked(schedule: Schedule) -> Schedule:
-    """Return the schedule if it is valid. Raises ScheduleError."""
-    if not NAME.fullmatch(schedule.name):
+def _schedule(path: Path, name: object, values: dict[object, object]) -> Schedule:
+    if not isinstance(name, str) or not NAME.fullmatch(name):
         raise ScheduleError(
-            f"name '{schedule.name}': expected letters, digits, '-' and '_', at most 63 and a letter or digit first"
+            f"{path}: name '{name}': expected letters, digits, '-' and '_', at most 63 and a letter or digit first"
         )
-    if schedule.keep is not None and not 1 <= schedule.keep <= MAX_COUNT:
-        raise ScheduleError(f"keep {schedule.keep}: expected 1 to {MAX_COUNT}, or nothing to keep all")
-    schedule.next_due(0.0)
+    try:
+        schedule = Schedule.model_validate({**values, "name": name})
+        schedule.next_due(0.0)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ScheduleError(f"{path}: {'.'.join(map(str, (name, *first['loc'])))}: {first['msg']}") from None
+    except ScheduleError as error:
+        raise ScheduleError(f"{path}: {name}: {error}") from None
+    if Path(schedule.suite).suffix in (".yaml", ".yml"):
+        return schedule.model_copy(update={"suite": str((path.parent / schedule.suite).resolve())})
     return schedule
 
 

@@ -2,7 +2,6 @@
 
 from tests.bad_input.case import SECRET, Case, table
 
-ADD = "schedule add n suite.yaml"
 CRONS = {
     "hourly": "expected five fields",
     "'* * * *'": "expected five fields",
@@ -25,33 +24,42 @@ CRONS = {
     "'٣ * * * *'": "expected five fields",
     "'0 0 31 2 *'": "expected five fields",
     "'0 0 30 feb *'": "expected five fields",
-    "@dayly": "expected five fields",
-    "@reboot": "expected five fields",
+    "'@dayly'": "expected five fields",
+    "'@reboot'": "expected five fields",
     "'@daily x'": "expected five fields",
     "'$(id) * * * *'": "Bad minute; expected five fields",
     "'% * * * *'": "Bad minute; expected five fields",
 }
-SCHEDULES = table(
-    *((f"{ADD} --cron {cron}", says) for cron, says in CRONS.items()),
-    *(
-        (f"{ADD} --cron @daily --timezone {zone}", "expected one of the IANA list such as Europe/Berlin")
+FILES = {
+    **{f"n: {{suite: smoke, cron: {cron}}}": says for cron, says in CRONS.items()},
+    **{
+        f"n: {{suite: smoke, cron: '@daily', timezone: {zone}}}": "expected one of the IANA list such as Europe/Berlin"
         for zone in ("Mars", "europe/berlin", "../etc/passwd", "/etc/localtime", "UTC+25")
-    ),
-    *(
-        (f"schedule add {name} suite.yaml --cron @daily", "expected letters, digits, '-' and '_', at most 63")
+    },
+    **{
+        f"{name}: {{suite: smoke, cron: '@daily'}}": "expected letters, digits, '-' and '_', at most 63"
         for name in ("'a b'", "../x", "a/b", "é", "n" * 64, "_x")
+    },
+    "n: {suite: smok, cron: '@daily'}": "did you mean 'smoke'?",
+    "n: {suite: nowhere.yaml, cron: '@daily'}": "nowhere.yaml: no such file",
+    "n: {suite: notes, cron: '@daily'}": "notes: expected a suite file, this is a directory",
+    "n: {suite: smoke, cron: '@daily', keep: 0}": "n.keep: Input should be greater than or equal to 1",
+    "n: {suite: smoke, cron: '@daily', arguments: x}": "n.arguments: Input should be a valid list",
+    "n: {suite: smoke, cron: '@daily', gate: 1}": "n.gate: Input should be a valid boolean",
+    "n: {suite: smoke}": "n.cron: Field required",
+    "": "expected a mapping, such as",
+    "{}": "expected a schedule, such as",
+    "[": "not YAML",
+}
+SCHEDULES = [
+    *(Case("schedule list", says, {"schedules.yaml": text}) for text, says in FILES.items()),
+    Case("schedule run m", "no schedule 'm'", {"schedules.yaml": "nightly: {suite: smoke, cron: '@daily'}"}),
+    *table(
+        ("schedule run nightly", "schedules.yaml: no such file"),
+        ("schedule serve nowhere.yaml", "nowhere.yaml: no such file"),
+        ("schedule print cron notes", "notes: expected a file of schedules, this is a directory"),
     ),
-    ("schedule add n smok --cron @daily", "did you mean 'smoke'?"),
-    ("schedule add n nowhere.yaml --cron @daily", "nowhere.yaml: no such file"),
-    ("schedule add n notes --cron @daily", "notes: expected a suite file, this is a directory"),
-    (f"{ADD} --cron @daily --policy x", "the suite has no policy 'x'"),
-    (f"{ADD} --cron @daily --task x", "the suite has no task 'x'"),
-    (f"{ADD} --cron @daily --seeds 3", "expected 1 to 2 seeds, got 3"),
-    ("schedule remove nightly", "no schedule 'nightly'; there are none"),
-    ("schedule run-now nightly", "no schedule 'nightly'; there are none"),
-    ("schedule list --name nightly", "no schedule 'nightly'; there are none"),
-    ("schedule list --name '%'", "no schedule '%'"),
-)
+]
 NOTIFIERS = [
     Case("schedule test-message", says, variables=variables)
     for variables, says in (
@@ -104,7 +112,7 @@ DEFAULTS = {
     ("report", "table: xls"): "table",
     ("report", "video-mb: .nan"): "video",
     ("leaderboard x", "alpha: 2"): "alpha",
-    ("schedule list", "list: {nam: x}"): "'schedule list' has no 'nam'; did you mean 'name'?",
+    ("schedule run", "run: {histry: x}"): "'schedule run' has no 'histry'; did you mean 'history'?",
     ("schedule list", "lst: {}"): "'schedule' has no 'lst'; did you mean 'list'?",
     ("schedule list", "list: 5"): "expected options of 'schedule list', got 5",
 }

@@ -71,7 +71,7 @@ URLS = {
 STORE_USERS = (
     *("run suite.yaml --out new --store '{}'", "report runs/monday --store '{}'", "verify runs/monday --store '{}'"),
     *("history --history '{}'", "serve --port 0 --history '{}'"),
-    *("accept monday --history '{}'", "schedule list --history '{}'"),
+    *("accept monday --history '{}'", "forget monday --history '{}'"),
 )
 QUERIES = table(
     ("report runs/monday --condition clean", "--condition: expected with --table"),

@@ -353,9 +353,9 @@ ELSEWHERE = [
     Case("env show null --suite bad.yaml", "not YAML", {"bad.yaml": "name: ["}),
     Case("env create null --suite nowhere", "no such file, and no shipped suite of that name"),
     Case(
-        "schedule add n bad.yaml --cron @daily",
+        "schedule list",
         "horizon: expected a value greater than or equal to 1, found 0",
-        {"bad.yaml": suite(horizon="0")},
+        {"bad.yaml": suite(horizon="0"), "schedules.yaml": "n: {suite: bad.yaml, cron: '@daily'}"},
     ),
     Case(
         "policies demonstrate bad.yaml --out new",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robogauntlet.orchestrator.schedules.schedule import Schedule, State
+from robogauntlet.orchestrator.schedules.schedule import Schedule
 from robogauntlet.results.api import open_run
 from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
@@ -239,25 +239,27 @@ def test_the_leaderboard_names_a_run_without_rows_and_uses_an_older_one(tmp_path
     assert f'href="/runs/{made[0][1].run_id}"' in page
 
 
-def test_the_schedule_shows_next_times_and_outcomes(served):
-    schedule = Schedule("nightly", "mergevla", "0 2 * * *", "Europe/Berlin", created_at=time.time() - 86_400)
-    served.schedule_store.add(schedule)
-    served.schedule_store.record_due(time.time(), lambda one, at: "folder")
-    served.schedule_store.change(
-        served.schedule_store.scheduled_runs()[0], state=State.FAILED, outcome="the disk was full"
-    )
-    line = "no process serves the schedules; start one: robogauntlet schedule serve"
-    assert line in served.get("/").text
+def test_the_schedule_shows_next_times_outcomes_and_runs(served):
+    nightly = Schedule(name="nightly", suite="mergevla", cron="0 2 * * *", timezone="Europe/Berlin")
+    served.schedule_store.write(nightly, next_due_at=time.time() + 7300.0, seen_at=time.time(), outcome="disk full")
+    served.history.record(document(run_id="one", name="a"), Path("/nowhere/night-1"), schedule="nightly")
+    served.history.record(document(run_id="two", name="b"), Path("/nowhere/by-hand"))
     page = served.get("/schedule").text
-    assert line in page
-    assert "robogauntlet_schedules_served 0.0\nrobogauntlet_schedules_waiting 0.0".splitlines() == [
-        row for row in served.get("/metrics").text.splitlines() if row.startswith("robogauntlet_schedules_")
-    ]
-    assert "<code>0 2 * * *</code>" in page
-    assert "Europe/Berlin" in page
-    assert "the disk was full" in page
-    assert 'class="bad"' in page
+    for words in ("<code>0 2 * * *</code>", "Europe/Berlin", "disk full", "in 2 h", "night-1"):
+        assert words in page
+    assert "by-hand" not in page
     assert ">nightly</a>" in served.get("/").text
+
+
+def test_schedules_whose_server_has_gone_are_said_to_be_unserved(served):
+    nightly = Schedule(name="nightly", suite="mergevla", cron="0 2 * * *")
+    served.schedule_store.write(nightly, next_due_at=time.time() + 7300.0, seen_at=time.time())
+    assert "robogauntlet_schedules_served 1.0" in served.get("/metrics").text
+    assert "not served" not in served.get("/").text
+    served.schedule_store.write(nightly, seen_at=time.time() - 3600.0)
+    assert "robogauntlet_schedules_served 0.0" in served.get("/metrics").text
+    for path in ("/", "/schedule"):
+        assert "not served since" in served.get(path).text
 
 
 def test_videos_of_failures_are_shown_and_filtered(filled):
@@ -348,7 +350,8 @@ def test_metrics_have_running_suites_verdicts_and_next_runs(served):
     served.history.write_verdict("old", "improved", None, [])
     served.history.record(document(run_id="new", name="nightly", started_at=2.0))
     served.history.write_verdict("new", "regressed", None, [])
-    served.schedule_store.add(Schedule("night", "mergevla", "0 2 * * *", created_at=0.0))
+    night = Schedule(name="night", suite="mergevla", cron="0 2 * * *")
+    served.schedule_store.write(night, next_due_at=1234.0, seen_at=time.time())
     text = served.get("/metrics").text
     assert 'robogauntlet_runs{status="running"} 1.0' in text
     assert 'robogauntlet_runs{status="complete"} 2.0' in text
@@ -357,8 +360,7 @@ def test_metrics_have_running_suites_verdicts_and_next_runs(served):
     assert f'robogauntlet_running_episodes{{outcome="success",{label}}} 116.0' in text
     assert 'robogauntlet_last_verdict{suite="nightly",verdict="regressed"} 1.0' in text
     assert 'robogauntlet_last_verdict{suite="nightly",verdict="improved"} 0.0' in text
-    due = float(re.search(r'next_due_seconds\{schedule="night"\} (\S+)', text)[1])
-    assert 0 < due - time.time() <= 86_400
+    assert 'robogauntlet_schedule_next_due_seconds{schedule="night"} 1234.0' in text
 
 
 def test_run_folders_are_imported_automatically(tmp_path):

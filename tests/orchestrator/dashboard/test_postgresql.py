@@ -17,8 +17,8 @@ def test_every_page_works_with_postgresql(tmp_path, server):  # noqa: F811
     last, before = made[-1][1].run_id, made[-2][1].run_id
     with serving(tmp_path, url=server) as served:
         running(served.history, live_status(120))
-        served.schedule_store.add(Schedule("night", "mergevla", "0 2 * * *", created_at=time.time() - 86_400))
-        served.schedule_store.record_due(time.time(), lambda one, at: "folder")
+        night = Schedule(name="night", suite="mergevla", cron="0 2 * * *")
+        served.schedule_store.write(night, next_due_at=time.time() + 60.0, seen_at=time.time())
         expected = {
             "/": "▼ regressed",
             "/runs?suite=nightly&status=complete&policy=merged": "1 to 4 of 4 runs",

@@ -7,8 +7,8 @@ import psutil
 import pytest
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, given_variables
-from robogauntlet.orchestrator.schedules.run_process import LOG_FILE, begin
-from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE, Schedule, ScheduledRun, State
+from robogauntlet.orchestrator.schedules.runner import LOG_FILE, begin
+from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE, Schedule
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.store.database import file_url
@@ -114,15 +114,15 @@ def test_a_scheduled_run_and_its_workers_have_only_what_they_need(secrets, tmp_p
         f"seeds: {{count: 1}}\nworkers: 1\ninference: {{place: {inference}}}\n"
     )
     monkeypatch.setenv("SEEN", str(tmp_path / "seen"))
-    schedule = Schedule("nightly", str(tmp_path / "suite.yaml"), cron="@daily", arguments=("--no-media",))
-    run = ScheduledRun("nightly", 0.0, State.DUE, str(tmp_path / "run"))
-    begun = begin(schedule, run, file_url(tmp_path / "history.sqlite"))
+    suite = str(tmp_path / "suite.yaml")
+    schedule = Schedule(name="nightly", suite=suite, cron="@daily", arguments=["--no-media"])
+    begun = begin(schedule, tmp_path / "run", file_url(tmp_path / "history.sqlite"))
     try:
-        while SCHEDULE_VARIABLE not in (its := psutil.Process(begun.process.pid).environ()):
+        while SCHEDULE_VARIABLE not in (its := psutil.Process(begun.pid).environ()):
             time.sleep(0.01)  # until the new process has replaced the copy of this one
-        assert begun.process.wait(120) == 0, (tmp_path / "run" / LOG_FILE).read_text()
+        assert begun.wait(120) == 0, (tmp_path / "run" / LOG_FILE).read_text()
     finally:
-        begun.process.kill()
+        begun.kill()
     assert not set(SERVER_SECRETS) & set(its)
     assert "policy p gets the environment variables SEEN, HF_TOKEN" in (tmp_path / "run" / LOG_FILE).read_text()
     assert {name for name in RUN_SECRETS if "geheim" in its.get(name, "")} == set(RUN_SECRETS) & set(secrets)

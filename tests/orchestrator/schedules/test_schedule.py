@@ -1,25 +1,33 @@
 """Promises of orchestrator/schedules/schedule.py: cron expressions as cron(5) reads them."""
 
+import json
+import re
 from datetime import UTC, datetime, timedelta
+from itertools import takewhile
+from pathlib import Path
 from zoneinfo import ZoneInfo
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.schedules.export import Target, render_for
-from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, checked
+from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, read_schedules
+from robogauntlet.orchestrator.schedules.units import Target, render_all
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
 
 
 def schedule(cron, **changes):
-    return Schedule("nightly", "smoke", cron, **changes)
+    return Schedule(name="nightly", suite="smoke", cron=cron, **changes)
+
+
+def due(schedule, after, until):
+    return list(takewhile(lambda moment: moment <= until, schedule.due(after)))
 
 
 def moments(cron, days, timezone="UTC"):
     after = START.timestamp()
-    found = schedule(cron, timezone=timezone).due(after, after + 86_400 * days)
+    found = due(schedule(cron, timezone=timezone), after, after + 86_400 * days)
     return [datetime.fromtimestamp(moment, UTC) for moment in found]
 
 
@@ -78,7 +86,7 @@ def test_shorthands_are_understood():
 
 def test_the_hour_is_that_of_the_time_zone_in_summer_and_winter():
     summer = datetime(2026, 10, 24, tzinfo=UTC).timestamp()
-    found = schedule("0 2 * * *", timezone="America/New_York").due(summer, summer + 12 * 86_400)
+    found = due(schedule("0 2 * * *", timezone="America/New_York"), summer, summer + 12 * 86_400)
     assert {datetime.fromtimestamp(m, UTC).hour for m in found} == {6, 7}
 
 
@@ -87,19 +95,19 @@ def test_a_skipped_or_repeated_hour_is_due_once(cron):
     zone = ZoneInfo("Europe/Berlin")
     for day in (datetime(2026, 3, 29, tzinfo=zone), datetime(2026, 10, 25, tzinfo=zone)):
         start = day.timestamp()
-        found = list(schedule(cron, timezone="Europe/Berlin").due(start, start + 86_400))
+        found = due(schedule(cron, timezone="Europe/Berlin"), start, start + 86_400)
         assert found == sorted(set(found))
         local = [datetime.fromtimestamp(moment, zone) for moment in found]
         assert len({f"{moment:%H:%M}" for moment in local}) == len(found) > 0
         for minute in range(0, 6 * 60, 7):
             after = start + 60 * minute
-            later = list(schedule(cron, timezone="Europe/Berlin").due(after, start + 86_400))
+            later = due(schedule(cron, timezone="Europe/Berlin"), after, start + 86_400)
             assert later == [moment for moment in found if moment > after]
 
 
 def test_an_hourly_schedule_is_due_twice_in_a_repeated_hour():
     start = datetime(2026, 10, 24, 23, 30, tzinfo=UTC).timestamp()
-    assert len(list(schedule("0 * * * *", timezone="Europe/Berlin").due(start, start + 3 * 3600))) == 3
+    assert len(due(schedule("0 * * * *", timezone="Europe/Berlin"), start, start + 3 * 3600)) == 3
 
 
 @pytest.mark.parametrize(
@@ -116,21 +124,51 @@ def test_an_hourly_schedule_is_due_twice_in_a_repeated_hour():
         ({"cron": "0 2 30 2 *"}, "Bad day-of-month"),
         ({"timezone": "Europe/Berln"}, "did you mean 'Europe/Berlin'"),
         ({"timezone": "../../etc/passwd"}, "expected one of the IANA list"),
-        ({"name": "a/b"}, "expected letters, digits"),
-        ({"name": ""}, "expected letters, digits"),
-        ({"keep": 0}, "keep 0: expected 1 to 1000000000, or nothing to keep all"),
-        ({"keep": 10**19}, "expected 1 to 1000000000"),
+        ({"keep": 0}, "nightly.keep: Input should be greater than or equal to 1"),
+        ({"keep": 10**19}, "nightly.keep: Input should be less than or equal to 1000000000"),
+        ({"suite": 5}, "nightly.suite: Input should be a valid string"),
+        ({"sute": "smoke"}, "nightly.sute: Extra inputs are not permitted"),
         ({"cron": "\u0663 * * * *"}, "expected five fields, .*, in ASCII"),
     ],
 )
-def test_an_invalid_schedule_is_one_line_with_what_was_expected(changes, words):
-    values = {"name": "nightly", "suite": "smoke", "cron": "0 2 * * *", **changes}
+def test_an_invalid_schedule_is_one_line_with_what_was_expected(tmp_path, changes, words):
+    values = {"suite": "smoke", "cron": "0 2 * * *", **changes}
+    file = tmp_path / "schedules.yaml"
+    file.write_text(json.dumps({"nightly": values}))
     with pytest.raises(ScheduleError, match=words) as caught:
-        checked(Schedule(**values))
+        read_schedules(file)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("nightly: smoke", "expected a mapping, such as"),
+        ("[]", "expected a mapping, such as"),
+        ("a/b: {suite: smoke, cron: '@daily'}", "name 'a/b': expected letters, digits"),
+        ("n: {suite: smoke, cron: '@daily'}\nn: {suite: smoke, cron: '@daily'}", "schedule 'n' is there twice"),
+        ("n: {suite: smoke}", "n.cron: Field required"),
+        ("n: {", "not YAML"),
+    ],
+)
+def test_a_file_of_another_form_is_one_line(tmp_path, text, words):
+    file = tmp_path / "schedules.yaml"
+    file.write_text(text)
+    with pytest.raises(ScheduleError, match=re.escape(words)) as caught:
+        read_schedules(file)
+    assert str(caught.value).startswith(str(file))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_suite_file_is_beside_the_schedules_and_a_shipped_suite_is_named(tmp_path):
+    file = tmp_path / "schedules.yaml"
+    file.write_text("one: {suite: a.yaml, cron: '@daily', keep: 3, gate: false}\ntwo: {suite: smoke, cron: '@daily'}")
+    one, two = read_schedules(file)
+    assert (one.suite, one.keep, one.gate) == (str(tmp_path / "a.yaml"), 3, False)
+    assert (two.suite, two.keep, two.gate) == ("smoke", None, True)
+
+
 def test_a_percent_sign_in_a_path_is_escaped_for_cron(tmp_path):
-    line = render_for(Schedule("nightly", "/a%b.yaml", "0 2 * * *"), Target.CRON, tmp_path / "x%y").splitlines()[-1]
+    line = render_all([schedule("0 2 * * *")], Path("/a%b.yaml"), Target.CRON, tmp_path / "x%y").splitlines()[-1]
     assert "%" in line
     assert line.replace(r"\%", "").count("%") == 0

@@ -1,94 +1,35 @@
-"""The store of schedules: each due time is recorded exactly once."""
+"""What the dashboard shows of schedules."""
 
-import sqlite3
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, ScheduleError, State
-from robogauntlet.orchestrator.schedules.store import ScheduleStore
-from robogauntlet.results.store.database import StoreError, file_url
+from robogauntlet.orchestrator.schedules.schedule import Schedule
+from robogauntlet.orchestrator.schedules.store import UNSERVED_S, ScheduleStore
+from robogauntlet.results.store.database import file_url
+from tests.results.store.test_postgresql import server  # noqa: F401
 
-START = 1_795_000_000.0
-
-
-def schedule(name="nightly", **changes):
-    values = {"suite": "smoke", "cron": "*/10 * * * *", "created_at": START, **changes}
-    return Schedule(name, **values)
+NIGHTLY = Schedule(name="nightly", suite="smoke", cron="@daily")
 
 
-@pytest.fixture
-def schedule_store(tmp_path):
-    opened = ScheduleStore.open(file_url(tmp_path / "history.sqlite"))
-    yield opened
-    opened.close()
+def check(url):
+    with closing(ScheduleStore.open(url)) as store, closing(ScheduleStore.open(url)) as other:
+        store.write(NIGHTLY, next_due_at=1000.0, seen_at=900.0)
+        other.write(NIGHTLY, outcome="fine", run_id="run-1")
+        store.write(NIGHTLY.model_copy(update={"name": "another"}), seen_at=None)
+        another, nightly = other.schedules()
+        assert (nightly.next_due_at, nightly.outcome, nightly.run_id) == (1000.0, "fine", "run-1")
+        assert nightly.is_served(900.0 + UNSERVED_S)
+        assert not nightly.is_served(901.0 + UNSERVED_S)
+        assert another.is_served(1e12)
+        store.keep_only(["nightly"])
+        assert other.schedules() == [nightly]
 
 
-def folder(schedule, due_at):
-    return f"/runs/{schedule.name}-{due_at:.0f}"
+def test_a_schedule_has_what_was_last_written_of_each_value(tmp_path):
+    check(file_url(tmp_path / "history.sqlite"))
 
 
-def test_a_schedule_is_read_as_it_was_written(schedule_store):
-    made = schedule(timezone="Europe/Berlin", arguments=("--seeds=3",), catch_up=CatchUp.ALL, keep=7, gate=False)
-    schedule_store.add(made)
-    assert schedule_store.schedules() == [made]
-    assert schedule_store.find("nightly") == made
-    with pytest.raises(ScheduleError, match="schedule 'nightly' exists"):
-        schedule_store.add(made)
-
-
-def test_removing_a_schedule_keeps_its_started_runs(schedule_store):
-    schedule_store.add(schedule())
-    schedule_store.record_due(START + 1800, folder)
-    schedule_store.change(schedule_store.scheduled_runs()[0], state=State.DONE, outcome="fine")
-    assert schedule_store.remove("nightly")
-    assert not schedule_store.remove("nightly")
-    assert [one.outcome for one in schedule_store.scheduled_runs()] == ["fine"]
-
-
-@settings(max_examples=30)
-@given(steps=st.lists(st.floats(0.0, 7200.0), min_size=1, max_size=8))
-def test_each_due_time_is_recorded_once_however_often_it_is_called(tmp_path_factory, steps):
-    schedule_store = ScheduleStore.open(file_url(tmp_path_factory.mktemp("schedule_store") / "history.sqlite"))
-    made, now = schedule(), START
-    schedule_store.add(made)
-    for step in steps:
-        now += step
-        schedule_store.record_due(now, folder)
-        schedule_store.record_due(now - 100, folder)  # a clock that was set back
-    assert sorted(one.due_at for one in schedule_store.scheduled_runs()) == list(made.due(START, now))
-    schedule_store.close()
-
-
-def test_simultaneous_processes_record_each_due_time_once(schedule_store, tmp_path):
-    schedule_store.add(schedule())
-    stores = [ScheduleStore.open(file_url(tmp_path / "history.sqlite")) for _ in range(4)]
-
-    def record(store):
-        return sum(store.record_due(START + 60 * minute, folder) for minute in range(0, 100, 7))
-
-    with ThreadPoolExecutor(4) as pool:
-        recorded = sum(pool.map(record, stores))
-    expected = list(schedule().due(START, START + 60 * 98))
-    assert sorted(one.due_at for one in schedule_store.scheduled_runs()) == expected
-    assert recorded == len(expected)
-    for store in stores:
-        store.close()
-
-
-def test_missed_times_are_recorded_for_the_last_month_only(schedule_store):
-    schedule_store.add(schedule(cron="0 * * * *"))
-    schedule_store.record_due(START + 3 * 365 * 86_400, folder)
-    assert len(schedule_store.scheduled_runs()) == 31 * 24
-
-
-def test_a_store_of_a_newer_version_is_refused(tmp_path):
-    path = tmp_path / "history.sqlite"
-    ScheduleStore.open(file_url(path)).close()
-    with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE robogauntlet_schedules SET version = 9")
-    connection.close()
-    with pytest.raises(StoreError, match="expected a schedule store of version 1, got version 9"):
-        ScheduleStore.open(file_url(path))
+@pytest.mark.slow
+def test_postgresql_stores_schedules_too(server):  # noqa: F811
+    check(server)
