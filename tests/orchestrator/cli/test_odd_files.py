@@ -68,7 +68,7 @@ def test_a_store_and_what_is_beside_it_is_refused(run_command, runs, make_odd):
 def test_an_exported_run_and_a_suite_are_refused(run_command, tmp_path, make_odd):
     make_odd(tmp_path / "odd")
     with deadline(DEADLINE_S):
-        assert "this is no file" in run_command("import", "odd").refusal
+        assert "no regular file" in run_command("import", "odd").refusal
         assert run_command("validate", "odd").refusal.endswith(", no regular file")
 
 

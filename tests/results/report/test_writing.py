@@ -119,7 +119,7 @@ def test_parquet_has_every_row_and_every_field_with_its_sentence(tmp_path):
 
 
 def test_parquet_is_written_in_pieces(tmp_path, monkeypatch):
-    monkeypatch.setattr("robogauntlet.results.report.parquet.BATCH", 10)
+    monkeypatch.setattr("robogauntlet.results.store.episodes_parquet.BATCH", 10)
     file = pq.ParquetFile(report(tmp_path).episodes)
     assert [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)] == [10, 10, 10, 2]
 
