@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,16 +31,12 @@ BISECTIONS = 40
 
 def linear(image: NDArray[np.integer] | Floats) -> Floats:
     """Convert sRGB values (0 to 255) to linear light (0 to 1)."""
-    from colour.models import eotf_sRGB
-
-    return np.asarray(eotf_sRGB(np.asarray(image, dtype=np.float64) / 255), dtype=np.float64)
+    return np.asarray(_colour().models.eotf_sRGB(np.asarray(image, dtype=np.float64) / 255), dtype=np.float64)
 
 
 def encoded(light: Floats) -> Floats:
     """Convert linear light (0 to 1) to sRGB values (0 to 255), not rounded."""
-    from colour.models import eotf_inverse_sRGB
-
-    return np.asarray(255 * eotf_inverse_sRGB(np.asarray(light, dtype=np.float64)), dtype=np.float64)
+    return np.asarray(255 * _colour().models.eotf_inverse_sRGB(np.asarray(light, dtype=np.float64)), dtype=np.float64)
 
 
 def pixel_factor(gain: Floats, usual: float) -> Floats:
@@ -103,15 +101,13 @@ def temperature_of(gains: Floats) -> float:
 
 def lab(light: Floats) -> Floats:
     """Convert linear sRGB light (..., 3) to CIELAB (D65)."""
-    import colour
-
+    colour = _colour()
     return np.asarray(colour.XYZ_to_Lab(colour.RGB_to_XYZ(light, "sRGB", apply_cctf_decoding=False), _white()))
 
 
 def light_of_lab(values: Floats) -> Floats:
     """Convert CIELAB values to linear sRGB light (..., 3), outside 0 to 1 for colours outside the gamut."""
-    import colour
-
+    colour = _colour()
     return np.asarray(colour.XYZ_to_RGB(colour.Lab_to_XYZ(values, _white()), "sRGB", apply_cctf_encoding=False))
 
 
@@ -121,13 +117,18 @@ def difference(one: Floats, other: Floats) -> float:
 
 
 def _black_body(kelvin: float) -> Floats:
-    import colour
-
-    chromaticity = colour.temperature.CCT_to_xy(kelvin, method="Kang 2002")
-    return np.asarray(colour.XYZ_to_RGB(colour.xy_to_XYZ(chromaticity), "sRGB", apply_cctf_encoding=False))
+    colour = _colour()
+    tristimulus = colour.xy_to_XYZ(colour.temperature.CCT_to_xy(kelvin, method="Kang 2002"))
+    return np.asarray(colour.XYZ_to_RGB(tristimulus, "sRGB", apply_cctf_encoding=False))
 
 
 def _white() -> Floats:
-    import colour
+    return np.asarray(_colour().RGB_COLOURSPACES["sRGB"].whitepoint)
 
-    return np.asarray(colour.RGB_COLOURSPACES["sRGB"].whitepoint)
+
+@cache
+def _colour() -> Any:
+    with np.printoptions():  # Its import has numpy write floats with 12 digits, in files of tables, too.
+        import colour
+
+    return colour

@@ -1,6 +1,7 @@
 """Light and colour against published values and their own inverses."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from robogauntlet.adapters.photometry import (
     temperature_gains,
     temperature_of,
 )
+from tests.processes import run_process
 
 channels = st.floats(0.0, 1.0)
 
@@ -78,3 +80,9 @@ def test_unchanged_images_show_no_light():
     gains, lit = channel_gains([(image, image)])
     assert np.isnan(gains).all()
     assert lit == 0.0
+
+
+def test_measuring_light_leaves_numpys_way_of_writing_floats():
+    """The import of colour-science shortens them to 12 digits, in the tables that pandas writes, too."""
+    code = "import numpy as np; from robogauntlet.adapters.photometry import linear; linear(np.zeros(3)); "
+    assert run_process([sys.executable, "-c", code + "print(np.array([1 / 3]).astype(str)[0])"]).stdout == f"{1 / 3}\n"
