@@ -270,7 +270,7 @@ class Suite(_Model):
     adaptive: AdaptiveEntry | None = None
     """Stops conditions in which `compare` is decided."""
     regression: RegressionEntry = RegressionEntry()
-    """Settings of `robogauntlet compare` and `robogauntlet gate`; do not affect the episodes."""
+    """Settings of `robogauntlet compare`; do not affect the episodes."""
 
     @field_validator("policies", mode="before")
     @classmethod

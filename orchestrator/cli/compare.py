@@ -1,22 +1,37 @@
-"""`robogauntlet compare`: compare two policies, the policies of a run, or two runs."""
+"""`robogauntlet compare`: compare policies, runs, and a run with its baseline."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import StoreUrl, out, print_text
+from robogauntlet.orchestrator.cli.common import (
+    HistoryUrl,
+    StoreUrl,
+    fail,
+    newest_run,
+    open_history,
+    out,
+    print_json,
+    print_line,
+    print_text,
+)
 from robogauntlet.orchestrator.cli.console_tables import rich_table
+from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.results import api
 from robogauntlet.results.analysis.comparison import Comparison, Difference, Verdict
 from robogauntlet.results.report.comparison import BEGINS as RUNS_BEGIN
 from robogauntlet.results.report.pairwise import BEGINS as POLICIES_BEGIN
 from robogauntlet.results.report.pairwise import FORMATS as PAIRWISE_FORMATS
-from robogauntlet.results.run_document import RunDocument
+from robogauntlet.results.run_document import RunDocument, read_run, refuse_imported
+from robogauntlet.results.statistics.multiplicity import ALPHA
+from robogauntlet.results.store.history_import import record_run_folder
+from robogauntlet.results.store.run_history import SHORTEST_ID
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.output_file import Output
@@ -34,68 +49,104 @@ class Format(StrEnum):
     JUNIT = "junit"
 
 
-Only = Annotated[list[str] | None, typer.Option("--policy", help="Only this policy. Repeatable.")]
-Allow = Annotated[
-    list[Difference] | None,
-    typer.Option("--allow", help="Compare the runs although this differs; the result mentions it. Repeatable."),
-]
-Alpha = Annotated[
-    float | None,
-    typer.Option(
-        min=0.0001,
-        max=0.4999,
-        help="Largest probability of a false alarm; of runs by default that of the suite, 0.05; of policies 0.05.",
-    ),
-]
-Margin = Annotated[
-    float | None,
-    typer.Option(
-        min=0.0001,
-        max=0.9999,
-        help="Loss of success that still counts as no worse (a share); for two runs by default that of the suite, "
-        "0.05; for policies tested only if given.",
-    ),
-]
-OutputFormat = Annotated[Format, typer.Option("--format", help="Output format.")]
-OutFile = Annotated[
-    Path | None,
-    typer.Option("--out", help="File to write instead of printing; only an earlier comparison is replaced."),
-]
-
-
 def compare(
-    run: Annotated[str, typer.Argument(help="A run folder, or a policy of it: RUN:POLICY.", metavar="RUN[:A]")],
-    other: Annotated[
+    run: Annotated[
         str | None,
         typer.Argument(
-            help="The run folder to compare it with, or a policy of this or another run. Without it, the policies of "
-            "the run are compared with each other.",
-            metavar="OTHER[:B]",
+            metavar="RUN[:A]",
+            help="A run folder, by default the newest one under runs/, or a policy of it. With --all, the name of a "
+            f"suite; with --accept, also {SHORTEST_ID} or more characters of a run's id.",
             show_default=False,
         ),
     ] = None,
-    policy: Only = None,
-    allow: Allow = None,
-    alpha: Alpha = None,
-    margin: Margin = None,
-    form: OutputFormat = Format.TEXT,
-    file: OutFile = None,
+    other: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="OTHER[:B]",
+            help="The run folder to compare it with, or a policy of this or another run. Without it, the policies of "
+            "the run are compared with each other.",
+            show_default=False,
+        ),
+    ] = None,
+    gate: Annotated[
+        bool,
+        typer.Option(
+            "--gate", help="Check the run for regressions against OTHER, by default the last good run of its suite."
+        ),
+    ] = False,
+    everything: Annotated[
+        bool,
+        typer.Option(
+            "--all", help="Compare the policies of a suite, by default that of the newest run, by their newest runs."
+        ),
+    ] = False,
+    accept: Annotated[
+        bool, typer.Option("--accept", help="Make the run the baseline of later runs; nothing is compared.")
+    ] = False,
+    policy: Annotated[list[str] | None, typer.Option("--policy", help="Only this policy. Repeatable.")] = None,
+    allow: Annotated[
+        list[Difference] | None,
+        typer.Option("--allow", help="Compare the runs although this differs; the result mentions it. Repeatable."),
+    ] = None,
+    alpha: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0001,
+            max=0.4999,
+            help="Largest probability of a false alarm; of runs by default that of the suite, 0.05; of policies 0.05.",
+        ),
+    ] = None,
+    margin: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0001,
+            max=0.9999,
+            help="Loss of success that still counts as no worse (a share); for two runs by default that of the suite, "
+            "0.05; for policies tested only if given.",
+        ),
+    ] = None,
+    imported: Annotated[bool, typer.Option("--imported", help="With --all: runs of others, too, marked.")] = False,
+    form: Annotated[Format, typer.Option("--format", help="Output format.")] = Format.TEXT,
+    file: Annotated[
+        Path | None,
+        typer.Option("--out", help="File to write instead of printing; only an earlier comparison is replaced."),
+    ] = None,
     store: StoreUrl = None,
+    url: HistoryUrl = None,
 ) -> None:
-    """Compare two policies, all policies of a run, or a run with a baseline run, episode by episode.
+    """Compare two policies, all policies of a run or of a suite, or a run with its baseline, episode by episode.
 
     RUN:A RUN:B (or OTHER:B) gives the difference of two policies with interval and exact test; RUN alone compares its
-    policies with each other; RUN BASELINE looks for regressions of policies of the same name.
+    policies with each other; RUN BASELINE looks for regressions of policies of the same name, and so does RUN --gate,
+    which prints the verdict and the reasons only.
     A path with a colon is a run folder if it exists; RUN/:POLICY and RUN/ are never mistaken.
 
     Exit codes: 0 compared (no regression), 1 a regression, 2 not comparable.
     """
-    check_output(file)
-    (folder, first), (baseline, second) = parse_side(run), (None, None) if other is None else parse_side(other)
+    mode = _mode({"--gate": gate, "--all": everything, "--accept": accept})
+    given = {"OTHER": other, "--policy": policy, "--allow": allow, "--margin": margin, "--out": file, "--store": store}
+    if mode == "--accept":
+        _refuse(mode, given | {"--alpha": alpha, "--imported": imported})
+        _accept(run, url)
+        return
+    if mode == "--all":
+        _refuse(mode, given)
+        _print_leaderboard(run, alpha or ALPHA, form, url, imported=imported)
+        return
+    if imported:
+        raise BadInput("--imported: expected with --all")
+    if file is not None:
+        COMPARISON.check(file)
     options: dict[str, Any] = {"allowed": frozenset(allow or []), "alpha": alpha, "margin": margin}
+    if mode == "--gate":
+        folder = newest_run() if run is None else Path(run)
+        options["only"] = policy or []
+        _conclude(_with_baseline(folder, other and Path(other), store, url, options), form, file, tables=False)
+    run = run or str(newest_run())
+    (folder, first), (baseline, second) = parse_side(run), (None, None) if other is None else parse_side(other)
     if first is None and second is None and baseline is not None:
         options["only"] = policy or []
-        conclude(compare_folders(folder, baseline, store, options), form, file, tables=True)
+        _conclude(_of_folders(folder, baseline, store, options), form, file, tables=True)
     if form is Format.JUNIT:
         raise BadInput("--format junit: expected text, json or markdown for a comparison of policies")
     if first is not None and policy:
@@ -104,8 +155,8 @@ def compare(
         del options["alpha"]
     opened = api.open_run(folder, store)
     if other is None and first is None:
-        check_policies(folder, opened.document, policy or [])
-        write(PAIRWISE_FORMATS[form](opened.compare(*(policy or []), **options)), file)
+        _check_policies(folder, opened.document, policy or [])
+        _write(PAIRWISE_FORMATS[form](opened.compare(*(policy or []), **options)), file)
         return
     if first is None or second is None or baseline is None:
         named, bare = (run, other) if second is None else (other, run)
@@ -113,9 +164,23 @@ def compare(
             f"expected two policies, RUN:A RUN:B; {named} names one{f' and {bare} names none' if bare else ''}"
         )
     beside = None if baseline == folder else api.open_run(baseline, store)
-    check_policies(folder, opened.document, [first])
-    check_policies(baseline, (beside or opened).document, [second])
-    write(PAIRWISE_FORMATS[form](opened.compare(first, second, other=beside, **options)), file)
+    _check_policies(folder, opened.document, [first])
+    _check_policies(baseline, (beside or opened).document, [second])
+    _write(PAIRWISE_FORMATS[form](opened.compare(first, second, other=beside, **options)), file)
+
+
+def _mode(given: Mapping[str, bool]) -> str | None:
+    """The one of the options that is given. Raises BadInput if several are."""
+    modes = [name for name, is_given in given.items() if is_given]
+    if len(modes) > 1:
+        raise BadInput(f"expected one of {', '.join(given)}, got {' and '.join(modes)}")
+    return modes[0] if modes else None
+
+
+def _refuse(mode: str, given: Mapping[str, Any]) -> None:
+    """Raise BadInput if something is given that a mode has no use for."""
+    if unused := next((name for name, value in given.items() if value), None):
+        raise BadInput(f"{unused}: expected without {mode}")
 
 
 def parse_side(text: str) -> tuple[Path, str | None]:
@@ -137,15 +202,83 @@ def parse_side(text: str) -> tuple[Path, str | None]:
     return Path(text), None
 
 
-def compare_folders(run: Path, baseline: Path, store: str | None, options: dict[str, Any]) -> Comparison:
+def _of_folders(run: Path, baseline: Path, store: str | None, options: dict[str, Any]) -> Comparison:
     """Compare two run folders with the options of `api.compare`; raises BadInput if a run lacks a policy."""
     sides = [api.open_run(folder, store) for folder in (run, baseline)]
     for side in sides:
-        check_policies(side.folder, side.document, options["only"])
+        _check_policies(side.folder, side.document, options["only"])
     return api.compare(*sides, **options)
 
 
-def check_policies(folder: Path, document: RunDocument, policies: list[str]) -> None:
+def _with_baseline(
+    run: Path, baseline: Path | None, store: str | None, url: str | None, options: dict[str, Any]
+) -> Comparison:
+    """Compare the run with a baseline, by default the last good one of its suite, whose verdict the history keeps."""
+    if baseline is not None:
+        refuse_imported(baseline, read_run(baseline), "a baseline")
+        return _of_folders(run, baseline, store, options)
+    if store is not None:
+        raise BadInput(
+            f"{run}: with --store, name the run to compare it with: robogauntlet compare {run} BASELINE --gate"
+        )
+    document = read_run(run)
+    _check_policies(run, document, options["only"])
+    with open_history(url, run.absolute().parent if url is None else None) as history:
+        if history.find(document.run_id) is None:
+            record_run_folder(history, run, document)
+        comparison = check_regression(history, document, run, **options)
+    if comparison is None:
+        raise BadInput(
+            f"{run}: expected a complete earlier run of suite '{document.suite.name}' beside it, found none "
+            f"that counts success {document.suite.success_rule}; name one: robogauntlet compare {run} BASELINE --gate"
+        )
+    return comparison
+
+
+def _accept(run: str | None, url: str | None) -> None:
+    """Make a run the baseline: one that is correct although it was found worse than its baseline or not comparable."""
+    if run is None:
+        raise BadInput("--accept: expected the run that becomes the baseline")
+    with open_history(url) as history:
+        entry = history.find(Path(run).name)
+        if entry is None:
+            raise BadInput(f"no run '{run}' in the history; see: robogauntlet history")
+        if entry.imported:
+            raise BadInput(f"{entry.name}: a run of others is no baseline; run its suite file: robogauntlet run SUITE")
+        history.accept(entry.run_id)
+    print_line(f"{entry.name}: later runs of {entry.suite} are compared with it")
+
+
+def _print_leaderboard(suite: str | None, alpha: float, form: Format, url: str | None, *, imported: bool) -> None:
+    """Print the policies of a suite by their newest complete runs; tasks that only some have played do not count."""
+    from robogauntlet.results.analysis.leaderboard import leaderboard
+    from robogauntlet.results.newest_results import latest_results_per_policy
+    from robogauntlet.results.report.history_plot import leaderboard_table
+
+    if form not in (Format.TEXT, Format.JSON):
+        raise BadInput(f"--format {form}: expected text or json with --all")
+    with open_history(url) as history:
+        suites = history.suites()
+        if suite is None:
+            newest = history.runs(limit=1)
+            if not newest:
+                raise BadInput("no run in the history; name the suite of one that is: --all SUITE --history URL")
+            suite = newest[0].suite
+        if suite not in suites:
+            raise BadInput(f"no run of a suite '{suite}'{did_you_mean(suite, suites)}")
+        results = list(latest_results_per_policy(history, suite, fail, imported=imported))
+    if not results:
+        others = "" if imported else "; runs of others count with --imported"
+        raise BadInput(f"expected a complete run of suite '{suite}', found none{others}")
+    rows = leaderboard(results, alpha)
+    if form is Format.JSON:
+        print_json(rows)
+        return
+    out.print(rich_table(leaderboard_table(rows), title=f"{suite}, clean episodes"))
+    print_line(f"\nPolicies that share a letter do not differ significantly (McNemar, Holm, alpha {alpha:g}).")
+
+
+def _check_policies(folder: Path, document: RunDocument, policies: list[str]) -> None:
     """Raise BadInput unless a run has all these policies."""
     known = dict.fromkeys(cell.policy for cell in document.plan)
     for name in policies:
@@ -153,7 +286,7 @@ def check_policies(folder: Path, document: RunDocument, policies: list[str]) -> 
             raise BadInput(f"{folder}: the run has no policy '{name}'{did_you_mean(name, known)}")
 
 
-def conclude(comparison: Comparison, form: Format, file: Path | None, *, tables: bool) -> NoReturn:
+def _conclude(comparison: Comparison, form: Format, file: Path | None, *, tables: bool) -> NoReturn:
     """Write a comparison into a file or print it, if wanted after a table of each policy; exit with its code.
 
     Raises:
@@ -169,19 +302,13 @@ def conclude(comparison: Comparison, form: Format, file: Path | None, *, tables:
             for moved in behaviour_tables(policy):
                 out.print(rich_table(moved, title=policy.policy))
                 out.print()
-    write(text, file)
+    _write(text, file)
     raise typer.Exit(EXIT_CODES[comparison.verdict])
 
 
-def write(text: str, file: Path | None) -> None:
+def _write(text: str, file: Path | None) -> None:
     """Write a text into a file, or print it. Raises BadInput if the file cannot be written."""
     if file is None:
         print_text(text)
     else:
         COMPARISON.write(file, text)
-
-
-def check_output(file: Path | None) -> None:
-    """Raise BadInput if a comparison must not be written into the file."""
-    if file is not None:
-        COMPARISON.check(file)

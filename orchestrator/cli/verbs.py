@@ -34,16 +34,13 @@ VERBS = {
     "verify": ("verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
     "compare": (
         "compare:compare",
-        "Compare two policies, all policies of a run, or a run with a baseline run, episode by episode.",
+        "Compare two policies, all policies of a run or of a suite, or a run with its baseline, episode by episode.",
     ),
     "bisect": (
         "bisect:bisect",
         "Find the first checkpoint that is worse than --good by at least half of its difference to --bad.",
     ),
-    "gate": ("gate:gate", "Check a run for regressions against its baseline run."),
     "history": ("history:history", "List runs, or show the success of a policy over its runs."),
-    "leaderboard": ("leaderboard:leaderboard", "Compare the policies of a suite by their newest complete runs."),
-    "accept": ("accept:accept", "Make a run the baseline of later runs."),
     "forget": ("forget:forget", "Remove a run from the history."),
     "export": ("export:export", "Write a run, or its rows, as one file, or its episodes as datasets."),
     "import": ("import_run:import_run", "Create a run folder from an exported run, to report and compare its rows."),

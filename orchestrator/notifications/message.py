@@ -55,7 +55,7 @@ def message_for(document: RunDocument, comparison: Comparison | None, link: str 
         return Message(headline(comparison), lines, comparison.run, link)
     complete = document.status is RunStatus.COMPLETE
     if comparison is not None and comparison.verdict is Verdict.NOT_COMPARABLE and complete:
-        lines = (*reasons(comparison), f"to make this run the baseline: robogauntlet accept {comparison.run}")
+        lines = (*reasons(comparison), f"to make this run the baseline: robogauntlet compare {comparison.run} --accept")
         return Message(headline(comparison), lines, comparison.run, link)
     if not stopped:
         return None

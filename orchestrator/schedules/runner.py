@@ -176,7 +176,7 @@ class Runner:
         try:
             comparison = check_regression(self.history, document, folder)
         except (RunError, StoreError) as error:
-            lines = (str(error), f"to make this run the baseline: robogauntlet accept {folder.name}")
+            lines = (str(error), f"to make this run the baseline: robogauntlet compare {folder.name} --accept")
             self.send(Message(f"NOT COMPARED: {folder.name}", lines, folder.name, link))
             return None, f"{rate}; not compared: {error}"
         if comparison is None:

@@ -111,7 +111,7 @@ DEFAULTS = {
     ("history", "history: nonsense"): "not a store URL: nonsense",
     ("report", "table: xls"): "table",
     ("report", "video-mb: .nan"): "video",
-    ("leaderboard x", "alpha: 2"): "alpha",
+    ("compare --all x", "alpha: 2"): "alpha",
     ("schedule run", "run: {histry: x}"): "'schedule run' has no 'histry'; did you mean 'history'?",
     ("schedule list", "lst: {}"): "'schedule' has no 'lst'; did you mean 'list'?",
     ("schedule list", "list: 5"): "expected options of 'schedule list', got 5",

@@ -10,8 +10,16 @@ HUGE = 2**63
 RUN = "runs/monday/run.json"
 STORE = "runs/monday/episodes.sqlite"
 READERS = (
-    *("report {}", "cite {}", "replay abc --run {}", "verify {}", "compare {}", "compare runs/monday {}", "gate {}"),
-    *("gate runs/monday --baseline {}", "export {}", "log {} --to mlflow", "report {} --table csv"),
+    *(
+        "report {}",
+        "cite {}",
+        "replay abc --run {}",
+        "verify {}",
+        "compare {}",
+        "compare runs/monday {}",
+        "compare --gate {}",
+    ),
+    *("compare --gate runs/monday {}", "export {}", "log {} --to mlflow", "report {} --table csv"),
 )
 """Every command that reads a run folder."""
 NO_RUNS = {
@@ -71,7 +79,7 @@ URLS = {
 STORE_USERS = (
     *("run suite.yaml --out new --store '{}'", "report runs/monday --store '{}'", "verify runs/monday --store '{}'"),
     *("history --history '{}'", "serve --port 0 --history '{}'"),
-    *("accept monday --history '{}'", "forget monday --history '{}'"),
+    *("compare --accept monday --history '{}'", "forget monday --history '{}'"),
 )
 QUERIES = table(
     ("report runs/monday --condition clean", "--condition: expected with --table"),
@@ -131,27 +139,30 @@ QUERIES = table(
         for typed, what in (
             ("compare runs/monday --out {}", "a comparison"),
             ("compare runs/monday runs/tuesday --format junit --out {}", "a comparison"),
-            ("gate runs/tuesday --baseline runs/monday --format json --out {}", "a comparison"),
+            ("compare --gate runs/tuesday runs/monday --format json --out {}", "a comparison"),
             ("mergevla routing zoo --json {}", "results of routers"),
         )
         for file in ("runs/monday/episodes.sqlite", "runs/monday/run.json", "suite.yaml", "run.zip", "text")
     ),
     ("compare runs/monday --out /dev/zero", "/dev/zero: expected a file to write, this is a device, no regular file"),
-    ("gate runs/tuesday --policy x", "runs/tuesday: the run has no policy 'x'; known: p, q"),
-    ("gate runs/monday", "expected a complete earlier run of suite 'synthetic' beside it, found none"),
-    ("gate runs/monday --store sqlite:///x", "with --store, name the run to compare it with: --baseline RUN"),
+    ("compare --gate runs/tuesday --policy x", "runs/tuesday: the run has no policy 'x'; known: p, q"),
+    ("compare --gate runs/monday", "expected a complete earlier run of suite 'synthetic' beside it, found none"),
+    (
+        "compare --gate runs/monday --store sqlite:///x",
+        "with --store, name the run to compare it with: robogauntlet compare runs/monday BASELINE --gate",
+    ),
     ("history x", "no run with a policy 'x'; known: p, q"),
     ("history p --task nope", "no run with a policy 'p' on 'nope'"),
     ("history --suite syntetic", "no run of a suite 'syntetic'; did you mean 'synthetic'?"),
     ("history --out x.svg", "--out: expected the name of the policy to plot"),
     ("history p --out x.pdf", "--out: expected a file that ends in .svg or .html, got 'x.pdf'"),
     ("history p --out nowhere/x.svg", "nowhere/x.svg: expected a file in an existing folder"),
-    ("leaderboard nope", "no run of a suite 'nope'; known: synthetic"),
-    ("accept nope", "no run 'nope' in the history; see: robogauntlet history"),
-    ("accept %", "no run '%' in the history"),
-    ("accept 0", "no run '0' in the history"),
-    ("accept 0123456", "no run '0123456' in the history"),
-    ("gate runs/monday --baseline runs/monday", "runs/monday: expected another run to compare with, this is the run"),
+    ("compare --all nope", "no run of a suite 'nope'; known: synthetic"),
+    ("compare --accept nope", "no run 'nope' in the history; see: robogauntlet history"),
+    ("compare --accept %", "no run '%' in the history"),
+    ("compare --accept 0", "no run '0' in the history"),
+    ("compare --accept 0123456", "no run '0123456' in the history"),
+    ("compare --gate runs/monday runs/monday", "runs/monday: expected another run to compare with, this is the run"),
     ("compare runs/monday runs/../runs/monday", "expected another run to compare with, this is the run itself"),
     ("forget nope", "no run 'nope' in the history"),
     ("forget 0", "no run '0' in the history"),
@@ -230,7 +241,9 @@ RUNS = [
     Case("run suite.yaml --out new", "not a store URL", variables={"ROBOGAUNTLET_HISTORY": f"x:{SECRET}@y"}),
     Case("run big.yaml --out new", "found 999999999", {"big.yaml": SUITE + "workers: 999999999\n"}),
     Case("report", "no run under runs/; name one", {"runs/monday/run.json": None, "runs/tuesday/run.json": None}),
-    Case("gate", "no run under runs/; name one", {"runs/monday/run.json": None, "runs/tuesday/run.json": None}),
+    Case(
+        "compare --gate", "no run under runs/; name one", {"runs/monday/run.json": None, "runs/tuesday/run.json": None}
+    ),
     Case("verify runs/monday", "expected the store of the run in runs/monday, there is no such file", {STORE: None}),
     Case(
         "history p --out mine.svg",

@@ -50,7 +50,9 @@ def test_the_table_is_long_and_has_every_verb_in_it():
     assert [verb for verb in verbs() if not any(f"{case.typed} ".startswith(f"{verb} ") for case in CASES)] == []
 
 
-@pytest.mark.parametrize("typed", ["accept nope", "history nope", "leaderboard nope", "forget nope --history {new}"])
+@pytest.mark.parametrize(
+    "typed", ["compare --accept nope", "history nope", "compare --all nope", "forget nope --history {new}"]
+)
 def test_a_mistake_where_no_run_is_yet_makes_no_history(run_command, tmp_path, typed):
     assert run_command(*typed.format(new=f"sqlite:///{tmp_path}/new.sqlite").split()).refusal.startswith("no ")
     assert list(tmp_path.iterdir()) == []

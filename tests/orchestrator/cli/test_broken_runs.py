@@ -22,7 +22,9 @@ def break_run(root, name, **changes):
     (root / name / "run.json").write_text(json.dumps(content | changes))
 
 
-@pytest.mark.parametrize("verb", [("history",), ("leaderboard", "synthetic"), ("accept", "monday")], ids=lambda v: v[0])
+@pytest.mark.parametrize(
+    "verb", [("history",), ("compare", "--all", "synthetic"), ("compare", "--accept", "monday")], ids=lambda v: v[0]
+)
 def test_a_broken_run_is_named_and_the_others_are_there(run_command, runs, verb):
     break_run(runs, "far", started_at=1e20)
     break_run(runs, "huge", media_left_out=2**63)
@@ -34,7 +36,7 @@ def test_a_broken_run_is_named_and_the_others_are_there(run_command, runs, verb)
 
 def test_the_gate_passes_over_a_broken_run(run_command, runs):
     break_run(runs, "far", started_at=1e20)
-    done = run_command("gate", "runs/tuesday")
+    done = run_command("compare", "--gate", "runs/tuesday")
     assert done.code == 1
     assert "tuesday against monday" in done.out
 

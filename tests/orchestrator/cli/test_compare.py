@@ -1,4 +1,4 @@
-"""`robogauntlet compare` and `robogauntlet gate`."""
+"""`robogauntlet compare`."""
 
 import json
 from pathlib import Path
@@ -51,34 +51,34 @@ def test_a_regression_is_printed_and_sets_the_exit_code(run_command, runs):
 
 
 def test_the_gate_takes_the_last_complete_run_of_the_suite_before(run_command, runs):
-    done = run_command("gate", runs / "wednesday")
+    done = run_command("compare", "--gate", runs / "wednesday")
     assert done.code == 1
     assert done.out.startswith("REGRESSED: wednesday against tuesday\n")
-    quiet = run_command("gate", runs / "tuesday")
+    quiet = run_command("compare", "--gate", runs / "tuesday")
     assert quiet.code == 0
     assert quiet.out.startswith("no evidence of a difference: tuesday against monday\n")
 
 
 def test_only_the_named_policies_are_compared(run_command, runs):
-    done = run_command("gate", runs / "wednesday", "--policy", "q")
+    done = run_command("compare", "--gate", runs / "wednesday", "--policy", "q")
     assert done.code == 0
     assert "\n- p" not in done.out
 
 
 def test_other_suites_are_compared_only_if_allowed(run_command, runs):
-    done = run_command("gate", runs / "wednesday", "--baseline", runs / "other")
+    done = run_command("compare", "--gate", runs / "wednesday", runs / "other")
     assert done.code == 2
     assert "suite differs: suite 'synthetic', the baseline has 'another'" in done.out
-    assert run_command("gate", runs / "wednesday", "--baseline", runs / "other", "--allow", "suite").code == 0
+    assert run_command("compare", "--gate", runs / "wednesday", runs / "other", "--allow", "suite").code == 0
 
 
 def test_it_is_written_as_json_markdown_and_junit(run_command, runs, tmp_path):
     for form, read in (("json", json.loads), ("junit", ElementTree.fromstring), ("markdown", str)):
         file = tmp_path / form
-        done = run_command("gate", runs / "wednesday", "--format", form, "--out", file)
+        done = run_command("compare", "--gate", runs / "wednesday", "--format", form, "--out", file)
         assert (done.code, done.out) == (1, "")
         assert read(file.read_text())
-        printed = run_command("gate", runs / "wednesday", "--format", form)
+        printed = run_command("compare", "--gate", runs / "wednesday", "--format", form)
         assert printed.out == file.read_text()
 
 
@@ -88,14 +88,14 @@ def test_it_is_written_as_json_markdown_and_junit(run_command, runs, tmp_path):
         "compare wednesday monday",
         "compare half",
         "compare wednesday:p wednesday:q",
-        "gate wednesday --baseline monday",
-        "gate wednesday --baseline other",
+        "compare --gate wednesday monday",
+        "compare --gate wednesday other",
     ],
 )
 def test_a_comparison_replaces_an_earlier_one_of_any_form_and_an_empty_file(run_command, runs, monkeypatch, typed):
     monkeypatch.chdir(runs)
     Path("found").touch()
-    two_runs = " monday" in typed or typed.startswith("gate")
+    two_runs = " monday" in typed or typed.startswith("compare --gate")
     for form in ("text", "json", "markdown", *(["junit"] if two_runs else []), "text"):
         done = run_command(*typed.split(), "--format", form, "--out", "found")
         assert (done.err, done.out) == ("", "")
@@ -169,12 +169,12 @@ def test_policies_that_share_no_episode_are_one_line(run_command, runs):
         (("compare", "monday", "--format", "junit"), "--format junit: expected text, json or markdown for"),
         (("compare", "monday:p", "monday:q", "--policy", "p"), "--policy: expected with a whole run only"),
         (
-            ("gate", "monday"),
+            ("compare", "--gate", "monday"),
             "monday: expected a complete earlier run of suite 'synthetic' beside it, found none that counts success ",
         ),
         (("compare", "monday", "nowhere"), "nowhere: expected a run folder, it does not exist"),
         (("compare", "monday", "tuesday", "--policy", "P"), "monday: the run has no policy 'P'; known: p, q"),
-        (("gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: expected a file in an existing folder"),
+        (("compare", "--gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: expected a file in an existing folder"),
     ],
 )
 def test_bad_input_is_one_line(run_command, runs, monkeypatch, arguments, message):

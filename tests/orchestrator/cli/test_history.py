@@ -1,4 +1,4 @@
-"""`robogauntlet history`, `leaderboard`, `accept`, `export` and `import`."""
+"""`robogauntlet history`, `compare --all`, `compare --accept`, `export` and `import`."""
 
 import os
 import sqlite3
@@ -39,7 +39,7 @@ def test_a_run_of_several_policies_has_no_rate_in_the_list(run_command, runs):
 
 
 def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_path):
-    assert run_command("gate", "runs/tuesday").code == 1
+    assert run_command("compare", "--gate", "runs/tuesday").code == 1
     result = run_command("history", "p", "--suite", "synthetic", "--out", "plot.svg")
     lines = result.out.splitlines()
     assert "75 %  [65, 83]" in lines[2]
@@ -69,21 +69,21 @@ def test_a_history_without_kinds_has_no_such_table(run_command, runs):
 
 
 def test_a_worse_run_is_no_baseline_until_it_is_accepted(run_command, runs):
-    assert run_command("gate", "runs/tuesday").code == 1
+    assert run_command("compare", "--gate", "runs/tuesday").code == 1
     save(runs / "wednesday", bad, run_id="5", started_at=4 * 86_400.0)
-    assert "wednesday against monday" in run_command("gate", "runs/wednesday").out
-    assert run_command("accept", "tuesday").code == 0
-    result = run_command("gate", "runs/wednesday")
+    assert "wednesday against monday" in run_command("compare", "--gate", "runs/wednesday").out
+    assert run_command("compare", "--accept", "tuesday").code == 0
+    result = run_command("compare", "--gate", "runs/wednesday")
     assert (result.code, "wednesday against tuesday" in result.out) == (0, True)
 
 
 def test_a_folders_name_comes_before_the_beginning_of_an_id(run_command, runs):
     save(runs / "thursday", good, run_id="mondaylike", started_at=5 * 86_400.0)
-    assert run_command("accept", "runs/monday").out.startswith("monday: later runs")
+    assert run_command("compare", "--accept", "runs/monday").out.startswith("monday: later runs")
 
 
 def test_the_leaderboard_gives_letters_and_no_ranks(run_command, runs):
-    result = run_command("leaderboard", "synthetic")
+    result = run_command("compare", "--all", "synthetic")
     assert result.code == 0
     rows = {line.split()[0]: line.split()[2] for line in result.out.splitlines()[2:4]}
     assert rows == {"q": "a", "p": "b"}
@@ -144,8 +144,8 @@ def test_an_export_that_fails_leaves_nothing(run_command, runs, tmp_path, form):
         (("history", "--out", "plot.svg"), "--out: expected the name of the policy to plot"),
         (("history", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),
         (("history", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
-        (("leaderboard", "nothing"), "no run of a suite 'nothing'"),
-        (("accept", "nothing"), "no run 'nothing' in the history"),
+        (("compare", "--all", "nothing"), "no run of a suite 'nothing'"),
+        (("compare", "--accept", "nothing"), "no run 'nothing' in the history"),
         (("export", "nothing"), "expected a run folder, it does not exist"),
         (("export", "runs/monday", "--format", "lerobot"), "the run has p, q; name one with --policy"),
         (

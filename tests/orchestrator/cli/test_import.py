@@ -32,9 +32,9 @@ def test_a_run_that_was_sent_in_between_is_no_baseline(run_command, tmp_path):
     save(tmp_path / "theirs" / "poison", bad, run_id=RUN_ID, started_at=2.0)
     run_command("export", "theirs/poison", "--out", "poison.zip")
     assert run_command("import", "poison.zip", "--out", "runs/poison").code == 0
-    assert run_command("gate", "runs/wednesday").code == 1
+    assert run_command("compare", "--gate", "runs/wednesday").code == 1
     assert "complete, imported" in run_command("history").out
-    assert "a run of others is no baseline" in run_command("accept", "poison").refusal
+    assert "a run of others is no baseline" in run_command("compare", "--accept", "poison").refusal
 
 
 def test_a_hostile_document_is_refused_in_one_line_and_leaves_nothing(run_command, exported, tmp_path):

@@ -82,7 +82,8 @@ def test_a_history_has_runs_or_the_results_of_a_policy(printed, runs):  # noqa: 
     assert found[0]["counts"]["successes"] > 0
 
 
-def test_a_leaderboard_has_rates_and_letters(printed, runs):  # noqa: F811
-    _, found = printed("leaderboard", "synthetic")
+@pytest.mark.parametrize("suite", [["synthetic"], []], ids=["named", "of the newest run"])
+def test_a_leaderboard_has_rates_and_letters(run_command, runs, suite):  # noqa: F811
+    found = json.loads(run_command("compare", "--all", *suite, "--format", "json").out)
     assert {row["policy"] for row in found} >= {"p"}
     assert all(0 <= row["rate"] <= 1 and row["letters"] for row in found)

@@ -29,12 +29,12 @@ def runs(tmp_path, make_odd):
 
 @pytest.mark.usefixtures("runs")
 def test_a_list_of_runs_passes_it_over(run_command):
-    for typed in ("history", "leaderboard synthetic", "gate runs/tuesday"):
+    for typed in ("history", "compare --all synthetic", "compare --gate runs/tuesday"):
         with deadline(DEADLINE_S):
             done = run_command(*typed.split())
-        assert done.code == (typed.startswith("gate")), done.err
+        assert done.code == (typed.startswith("compare --gate")), done.err
         assert "tuesday" in done.out
-        assert "theirs" in done.err or typed.startswith("gate")
+        assert "theirs" in done.err or typed.startswith("compare --gate")
 
 
 @pytest.mark.usefixtures("runs")
@@ -47,7 +47,7 @@ def test_a_list_of_runs_passes_it_over(run_command):
             "export runs/theirs --out new",
             "compare runs/monday runs/theirs",
         ),
-        "gate runs/monday --baseline runs/theirs",
+        "compare --gate runs/monday runs/theirs",
     ],
 )
 def test_a_run_document_is_refused(run_command, typed):

@@ -85,7 +85,7 @@ REFUSED = {
     "verify": (("verify", IMPORTED, "--suite", "small.yaml"), "verified"),
     "verify of rows": (("verify", IMPORTED, "--sample", "0"), "verified"),
     "export": (("export", IMPORTED, *VERBS["export"][2:], "--suite", "small.yaml"), "played again"),
-    "gate": (("gate", "theirs", "--baseline", IMPORTED), "a baseline"),
+    "gate": (("compare", "--gate", "theirs", IMPORTED), "a baseline"),
 }
 
 
@@ -131,10 +131,10 @@ def test_an_imported_run_is_no_baseline_and_on_a_leaderboard_only_if_asked_for(r
     assert run_command("import", tmp_path / "run.zip").code == 0
     assert (
         "a run of others is no baseline; run its suite file: robogauntlet run SUITE"
-        in run_command("accept", "small-01234567").refusal
+        in run_command("compare", "--accept", "small-01234567").refusal
     )
-    assert "runs of others count with --imported" in run_command("leaderboard", "small").refusal
-    assert "small-01234567 (imported)" in run_command("leaderboard", "small", "--imported").out
+    assert "runs of others count with --imported" in run_command("compare", "--all", "small").refusal
+    assert "small-01234567 (imported)" in run_command("compare", "--all", "small", "--imported").out
 
 
 def test_an_imported_run_says_so(run_command, tmp_path):
@@ -180,4 +180,4 @@ def test_rows_of_others_do_not_become_ones_own_where_their_run_is_continued(run_
     assert again.code == 0
     assert "you did not begin this run in this folder" in again.err
     assert "complete, imported" in run_command("history").out
-    assert "is no baseline" in run_command("accept", "theirs").refusal
+    assert "is no baseline" in run_command("compare", "--accept", "theirs").refusal

@@ -54,7 +54,7 @@ def test_a_run_that_is_not_comparable_is_reported():
     message = message_for(document(name="another"), compared(lambda seed: True, name="another"), None)
     assert message.title == "NOT COMPARABLE: tuesday against monday"
     assert message.lines[0].startswith("suite differs: suite 'another', the baseline has 'synthetic'")
-    assert message.lines[-1].endswith("robogauntlet accept tuesday")
+    assert message.lines[-1].endswith("robogauntlet compare tuesday --accept")
 
 
 @pytest.mark.parametrize("status", [RunStatus.COMPLETE, RunStatus.INTERRUPTED, RunStatus.RUNNING])
