@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 # Tests start hundreds of commands, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup drivers tools environments demo test pytest test-fast lint docs dist audit bench studies fuzz chaos report zoo clean
+.PHONY: help setup drivers tools environments demo test pytest test-fast lint docs dist audit bench studies fuzz nightly chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -25,7 +25,8 @@ help:
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make studies    check that the tables of studies/ are those of their kept rows"
 	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages than make test reads (ten minutes)"
-	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, and tests of many minutes (two hours)"
+	@echo "make nightly    installations, environments and pages again, at more length than make test (half an hour)"
+	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, Slurm, dying nodes (two hours)"
 	@echo "make mutants    change 200 places of the core, one at a time, and say which test notices (hours)"
 	@echo "make report     write the newest run's report again"
 	@echo "make zoo        make the shipped checkpoints from nothing into runs/zoo (hours); stopped, it continues"
@@ -113,9 +114,14 @@ fuzz: setup
 	ROBOGAUNTLET_FUZZ_EXAMPLES=6000 $(BIN)/python -m pytest -q tests/fuzz
 
 chaos: setup
+	@bash scripts/test_tools.sh chaos
 	$(BIN)/python -m tests.chaos
 	$(BIN)/python -m tests.chaos --cluster --runs 20
-	$(BIN)/python -m pytest -q --long -m long
+	$(BIN)/python -m pytest -q --whole --job chaos
+
+nightly: environments tools
+	@$(MAKE) --no-print-directory setup
+	$(BIN)/python -m pytest -q --whole --job nightly
 
 mutants: setup
 	$(BIN)/python -m tests.mutants

@@ -14,6 +14,9 @@ from hypothesis import settings
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator import adapter_kit
 
+JOBS = ("chaos", "nightly")
+"""Markers of tests that jobs of their own run, each by the command of make with its name."""
+
 # The duration of an example depends on the load of the machine, not on the code.
 settings.register_profile("whatever the time", deadline=None)
 settings.load_profile("whatever the time")
@@ -43,7 +46,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--whole", action="store_true", help="fail if tests are skipped, except for what a machine cannot do"
     )
-    parser.addoption("--long", action="store_true", help="also tests that are marked `long`, as `make chaos` does")
+    parser.addoption("--job", choices=JOBS, help="only the tests of a job that `make test` leaves out")
 
 
 def lacking_skips(skipped):
@@ -73,10 +76,14 @@ def _elsewhere(item):
     return marker is not None and any(find_spec(module) is None for module in marker.args)
 
 
+def _job_of(item):
+    return next((job for job in JOBS if item.get_closest_marker(job)), None)
+
+
 def pytest_collection_modifyitems(config, items):
     """Files that take long come first, so that no process is left alone with one at the end."""
-    long = config.getoption("long")
-    left_out = {item for item in items if _elsewhere(item) or (item.get_closest_marker("long") and not long)}
+    job = config.getoption("job")
+    left_out = {item for item in items if _elsewhere(item) or _job_of(item) != job}
     if left_out:
         config.hook.pytest_deselected(items=[*left_out])
         items[:] = [item for item in items if item not in left_out]

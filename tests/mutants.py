@@ -42,7 +42,7 @@ TESTS = {
     "orchestrator/episodes": ("orchestrator/episodes",),
 }
 """Package to the tests that are run for its mutants."""
-LIGHT = "not simulator and not ray and not slow and not long"
+LIGHT = "not simulator and not ray and not slow"
 CPU_S = 240
 """CPU time after which a mutant counts as killed, for it may never end (s)."""
 COMPARED: dict[type[ast.AST], type[ast.AST]] = {

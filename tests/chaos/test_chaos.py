@@ -8,9 +8,9 @@ from tests.chaos.campaign import draw_faults, run_campaign
 from tests.chaos.places import OneMachine
 from tests.chaos.suites import NULL
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow]
+pytestmark = [pytest.mark.ray, pytest.mark.chaos]
 RUNS, FAULTS_PER_RUN = 2, 4
-"""Each of the eight kinds of faults occurs once; `make chaos` does fifty runs."""
+"""Each of the eight kinds of faults occurs once; `python -m tests.chaos` does fifty runs."""
 PARALLEL = 3
 
 

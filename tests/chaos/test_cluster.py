@@ -17,7 +17,7 @@ from robogauntlet.results.store.episode_store import Store
 from tests.chaos.cluster_nodes import ray_cluster, why_not
 from tests.chaos.suites import NULL
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow]
+pytestmark = [pytest.mark.ray, pytest.mark.chaos]
 PROGRAM = "import sys; from robogauntlet.orchestrator.cli import main; main()"
 POLICY = '''
 import os
@@ -148,7 +148,6 @@ def test_nodes_that_differ_and_fail_change_no_row(namespaces, tmp_path):
     assert several.rows_hash == one.rows_hash
 
 
-@pytest.mark.long
 def test_the_death_of_the_head_ends_a_run_with_a_message_and_it_continues_elsewhere(namespaces, tmp_path):
     suite, folder, log = tmp_path / "suite.yaml", tmp_path / "nodes", tmp_path / "log.txt"
     suite.write_text(NULL.replace("count: 120", "count: 60").replace("workers: 2", "workers: auto"))

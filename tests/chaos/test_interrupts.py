@@ -9,7 +9,7 @@ import pytest
 
 from tests.processes import GAUNTLET, environment_of, started_by
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.long]
+pytestmark = [pytest.mark.ray, pytest.mark.chaos]
 
 SUITE = "name: s\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 500}\nworkers: 1\n"
 LAST_S, STEP_S = 6.0, 0.1

@@ -11,7 +11,7 @@ from ray.cluster_utils import Cluster
 
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow]
+pytestmark = [pytest.mark.ray, pytest.mark.chaos]
 
 
 POLICY = """

@@ -15,7 +15,7 @@ from tests.chaos.processes import MARK, end, processes_by_kind, remaining_after
 from tests.chaos.suites import NULL
 from tests.processes import environment_of
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow]
+pytestmark = [pytest.mark.ray, pytest.mark.chaos]
 
 WAIT_S = 600.0
 GONE_S = 60.0
@@ -125,7 +125,6 @@ def test_verify_reports_the_death_of_ray(start, suite, tmp_path):
     assert "died (exit status -9); verify again" in command.log.read_text()
 
 
-@pytest.mark.long
 def test_demonstrate_reports_the_death_of_ray_and_completes_when_repeated(start, tmp_path):
     folder = tmp_path / "data"
     arguments = ("policies", "demonstrate", "null/Slow", "--episodes", 300, "--out", folder)

@@ -15,7 +15,7 @@ from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from tests.chaos.cluster_nodes import ray_cluster, why_not
 from tests.chaos.suites import NULL
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow]
+pytestmark = [pytest.mark.ray, pytest.mark.chaos]
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch")
 SCRIPT = Path(__file__).parents[2] / "examples" / "slurm.sbatch"
 CONFIGURATION = """

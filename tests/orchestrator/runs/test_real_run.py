@@ -1,14 +1,15 @@
-"""Runs in the three real simulators: the same rows with one worker each, and with two of which everything dies once."""
+"""A run in the three real simulators with one worker each, and runs with two of which everything dies once."""
 
 import pytest
 
 from robogauntlet.results.run_document import RunStatus
 from tests.chaos.campaign import run_campaign
-from tests.chaos.suites import REAL
+from tests.chaos.suites import NULL, REAL
 from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
 SUITE = REAL.replace("untrained", "random").replace("workers: auto", "workers: 1")
+FAULTS = ("worker killed", "raylet killed", "scheduler killed")
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +36,17 @@ def test_both_policies_of_a_pair_start_from_the_same_state(undisturbed):
     assert all(len(hashes) == 1 for hashes in states.values())
 
 
-@pytest.mark.slow
-def test_the_death_of_worker_ray_and_scheduler_changes_no_row_of_two_workers(undisturbed, tmp_path):
+@pytest.mark.chaos
+def test_the_death_of_worker_ray_and_scheduler_changes_no_row_of_three_simulators(undisturbed, tmp_path):
     (suite := tmp_path / "suite.yaml").write_text(SUITE.replace("workers: 1", "workers: 2"))
-    faults = ("worker killed", "raylet killed", "scheduler killed")
-    disturbed = run_campaign(suite, tmp_path / "disturbed", 0, faults=faults, gap_s=1.0)
+    disturbed = run_campaign(suite, tmp_path / "disturbed", 0, faults=FAULTS, gap_s=1.0)
     assert (disturbed.problems, disturbed.starts) == ([], 2)
     assert disturbed.rows_hash == undisturbed.document.rows_hash
+
+
+@pytest.mark.slow
+def test_the_death_of_worker_ray_and_scheduler_changes_no_row_of_two_workers(tmp_path):
+    (suite := tmp_path / "suite.yaml").write_text(NULL.replace("count: 120", "count: 30"))
+    disturbed = run_campaign(suite, tmp_path / "disturbed", 0, faults=FAULTS, gap_s=0.3)
+    assert (disturbed.problems, disturbed.starts) == ([], 2)
+    assert disturbed.rows_hash == play(suite, tmp_path / "one").document.rows_hash
