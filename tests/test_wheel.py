@@ -168,7 +168,7 @@ def test_a_checkout_without_links_makes_no_wheel(tmp_path):
     assert not list(tmp_path.glob("*.whl"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_action_installs_into_a_new_python(runner, environment):
     (runner.folder / "suite.yaml").write_text("name: two\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
     code, output, _ = runner.run_script("command -v robogauntlet && robogauntlet validate suite.yaml")
@@ -177,12 +177,12 @@ def test_the_action_installs_into_a_new_python(runner, environment):
     assert "suite.yaml: valid, 2 episodes" in output
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_verb_has_help(program, tmp_path):
     assert int(run(program.with_name("python"), "-c", HELP, cwd=tmp_path)) > 40
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_light_tests_of_every_room_pass_with_the_newest_packages(program):
     python, variables = program.with_name("python"), {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
     numpy, pandas = json.loads(run(python, "-c", VERSIONS))
@@ -194,7 +194,7 @@ def test_light_tests_of_every_room_pass_with_the_newest_packages(program):
     assert "skipped" not in printed.splitlines()[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_shipped_suite_is_valid_where_few_simulators_are_installed(program, wheels, tmp_path):
     python, others, suites = program.with_name("python"), tmp_path / "others", (ROOT / "suites").glob("*.yaml")
     run(python, "-m", "pip", "install", "--quiet", "--no-compile", "--no-deps", "--target", others, *wheels[1:])

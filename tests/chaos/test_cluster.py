@@ -139,6 +139,7 @@ def test_nodes_that_differ_and_fail_change_no_row(namespaces, tmp_path):
         assert process.poll() is None, log.read_text()
         third.kill()  # as a supervisor does with a raylet that the head has given up
         cluster.start_ray(2, more=clock)
+        wait_until(process, log, lambda: plays(third))  # a node that joins gets workers
         gate.touch()
         assert process.wait(WAIT_S) == 0, log.read_text()
     subprocess.run(command(suite, tmp_path / "one"), check=True, stdout=subprocess.DEVNULL)
