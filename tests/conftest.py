@@ -13,9 +13,7 @@ from hypothesis import settings
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator import adapter_kit
-
-JOBS = ("chaos", "nightly")
-"""Markers of tests that jobs of their own run, each by the command of make with its name."""
+from tests.jobs import JOBS
 
 # The duration of an example depends on the load of the machine, not on the code.
 settings.register_profile("whatever the time", deadline=None)

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from tests import ROOT
-from tests.conftest import JOBS
 from tests.hosted_actions import HostedRunner, action_steps, load, write_program
+from tests.jobs import JOBS
 from tests.processes import GAUNTLET, run_process
 
 OURS = tuple(f".github/workflows/{name}.yml" for name in ("ci", "studies", *JOBS))

@@ -9,7 +9,7 @@ from PIL import Image
 
 from tests.tutorials import follow
 
-pytestmark = [pytest.mark.simulator, pytest.mark.ray, pytest.mark.slow]
+pytestmark = [pytest.mark.simulator, pytest.mark.ray, pytest.mark.nightly]
 
 
 def found(printed, *words):

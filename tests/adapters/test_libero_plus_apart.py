@@ -36,6 +36,7 @@ def test_the_tests_of_liberopluss_adapter_pass_there(surroundings):
 
 
 @pytest.mark.ray
+@pytest.mark.nightly
 def test_a_variant_is_played_with_the_real_assets(surroundings, tmp_path):
     python_of("libero-plus")
     suite, folder = tmp_path / "camera.yaml", tmp_path / "run"

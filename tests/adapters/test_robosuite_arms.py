@@ -19,6 +19,7 @@ from robogauntlet.suites.schema import expand_tasks, robots_by_task, with_robots
 from tests import ROOT
 from tests.adapters.control_steps import check_compiled, ours, played, robosuites
 from tests.errors import one_line_error
+from tests.jobs import mostly_nightly
 from tests.policies.playing import steps_to_success
 
 OTHERS = [arm for arm in ARMS if arm != PANDA]
@@ -34,7 +35,7 @@ def test_suites_can_let_every_arm_play_lift_stack_and_door():
     assert robots_by_task(known)["robosuite/PickPlaceCan"] == {PANDA: "robosuite/PickPlaceCan"}
 
 
-@pytest.fixture(scope="module", params=OTHERS)
+@pytest.fixture(scope="module", params=mostly_nightly(OTHERS, ["Kinova3", "UR5e"]))
 def lift(request):
     opened = SIMULATOR.open(f"Lift@{request.param}", View(image_size=48, render_profile=RenderProfile.FAST))
     yield opened
@@ -87,7 +88,7 @@ def test_the_tool_is_brought_to_another_start_whatever_joints_and_gripper_the_ar
 
 
 @pytest.mark.simulator
-@pytest.mark.parametrize("task", ["Lift@IIWA", "Stack@UR5e", "Door@XArm7"])
+@pytest.mark.parametrize("task", mostly_nightly(["Lift@IIWA", "Stack@UR5e", "Door@XArm7"], ["Lift@IIWA"]))
 def test_the_panda_s_oracle_succeeds_with_another_arm(task):
     assert None not in steps_to_success(SIMULATOR, task, range(2), noises=(0.1,))
 

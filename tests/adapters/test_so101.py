@@ -47,7 +47,7 @@ def test_an_arm_without_its_files_is_one_line(monkeypatch, tmp_path):
 @pytest.mark.simulator
 @pytest.mark.parametrize("task", TASKS)
 def test_the_oracle_succeeds_within_the_horizon(task):
-    assert None not in steps_to_success(SIMULATOR, task, range(4), noises=(0.0, 0.1))
+    assert None not in steps_to_success(SIMULATOR, task, [0], noises=(0.0, 0.1))
 
 
 @pytest.mark.simulator

@@ -24,7 +24,7 @@ name: nulls
 policies: [oracle, random]
 tasks: [null/Slow]
 seeds: {count: 60}
-workers: 2
+workers: 1
 """
 
 
@@ -196,6 +196,7 @@ def test_a_run_prints_its_numbers_and_where_its_report_is(small_run):
 
 
 @pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
 def test_an_episode_is_replayed_by_the_beginning_of_its_id_and_recorded(run_command, small_run):
     _, folder, _ = small_run
     wanted = episode_of_oracle(folder, 3)
@@ -205,6 +206,7 @@ def test_an_episode_is_replayed_by_the_beginning_of_its_id_and_recorded(run_comm
 
 
 @pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
 def test_an_episode_is_replayed_with_another_condition_beside_the_original(run_command, small_run):
     _, folder, _ = small_run
     changes = ("--with", "action-delay@2.5", "--with", "action-noise@1")
@@ -217,6 +219,7 @@ def test_an_episode_is_replayed_with_another_condition_beside_the_original(run_c
 
 
 @pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
 def test_a_condition_that_the_task_of_an_episode_cannot_have_is_one_line(run_command, small_run):
     _, folder, _ = small_run
     done = run_command("replay", episode_of_oracle(folder, 3), "--run", folder, "--with", "camera-orbit@2")
@@ -233,6 +236,7 @@ def test_the_report_of_a_run_is_written_again(run_command, small_run):
 
 
 @pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
 def test_media_that_are_missing_are_counted_and_recorded_on_request(run_command, small_run):
     suite, folder, _ = small_run
     assert "10 episodes, 0 to play" in run_command("plan", suite, "--out", folder).out
@@ -242,7 +246,7 @@ def test_media_that_are_missing_are_counted_and_recorded_on_request(run_command,
     command = f"robogauntlet resume {folder}"
     printed = run_command("run", suite, "--out", folder).out
     assert f"not recorded: 2 videos and snapshots; to record all: {command} --media" in printed
-    printed = run_gauntlet("resume", folder, "--media").stdout
+    printed = run_command("resume", folder, "--media").out
     assert printed.index("10 of 10 episodes") < printed.index("recorded 2 videos and snapshots in")
     assert "left out" not in printed
     assert len(list((folder / "media/videos").iterdir())) == 2
@@ -250,6 +254,7 @@ def test_media_that_are_missing_are_counted_and_recorded_on_request(run_command,
 
 
 @pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
 def test_a_replay_that_differs_names_the_differing_fields(run_command, small_run, tmp_path):
     folder = shutil.copytree(small_run[1], tmp_path / "changed")
     wanted = episode_of_oracle(folder, 1)
@@ -296,12 +301,12 @@ def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp
 @pytest.mark.ray
 def test_a_killed_run_loses_and_doubles_no_row_when_continued(tmp_path, suite):
     folder = tmp_path / "run"
-    process = start(suite, folder, "--seeds", "30")
+    process = start(suite, folder, "--seeds", "15")
     process.kill()
     process.communicate(timeout=30)
     stored = count(folder)
-    assert 10 <= stored < 60
-    done = run_gauntlet("run", suite, "--seeds", 30, "--out", folder, "--no-media")
+    assert 10 <= stored < 30
+    done = run_gauntlet("run", suite, "--seeds", 15, "--out", folder, "--no-media")
     assert done.returncode == 0, done.stderr
-    assert f"continuing: {stored} of 60 episodes already done" in done.stdout
-    assert count(folder) == 60
+    assert f"continuing: {stored} of 30 episodes already done" in done.stdout
+    assert count(folder) == 30

@@ -30,6 +30,7 @@ def test_schedules_are_listed_with_their_next_time(run_command, write):
 
 
 @pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
 def test_run_plays_checks_and_records_a_run(run_command, write):
     result = run_command("schedule", "run", "nightly")
     assert result.code == 0, result.err

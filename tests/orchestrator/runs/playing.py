@@ -20,7 +20,7 @@ name: nulls
 policies: [oracle, random]
 tasks: [null/Reach]
 seeds: {count: 20}
-workers: 2
+workers: 1
 """
 
 

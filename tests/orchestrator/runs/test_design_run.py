@@ -15,7 +15,7 @@ tasks: [null/Reach]
 horizon: 18
 design: {kind: latin-hypercube, axes: [action-delay, action-noise], points: 120}
 seeds: {count: 4}
-workers: 2
+workers: 1
 """
 
 

@@ -10,7 +10,7 @@ from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
 from tests.orchestrator.runs.playing import play as play_suite
 
-SUITE = "name: nights\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 60}\nworkers: 2\n"
+SUITE = "name: nights\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 30}\nworkers: 1\n"
 
 
 @pytest.fixture
@@ -35,14 +35,14 @@ def test_a_run_writes_its_live_status_and_at_its_end_its_result(play, tmp_path):
     listener.join()
     last = heard[-1]
     assert last.phase == "playing"
-    assert 0 < max(live.simulators[0].done for live in heard) <= 60
+    assert 0 < max(live.simulators[0].done for live in heard) <= 30
     assert {worker.simulator for live in heard for worker in live.workers} == {"null"}
     doing = {worker.activity.partition(", clean")[0] for live in heard for worker in live.workers}
     assert "oracle on null/Slow" in doing
     assert all(worker.since <= time.time() for worker in last.workers)
     (entry,) = history.runs()
     assert (entry.status, entry.schedule, entry.live, entry.name) == ("complete", "nightly", None, "run")
-    assert (entry.counts.done, entry.counts.planned) == (60, 60)
+    assert (entry.counts.done, entry.counts.planned) == (30, 30)
     assert history.document(entry.run_id) == outcome.document
     history.close()
 

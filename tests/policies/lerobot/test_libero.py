@@ -13,7 +13,7 @@ from tests.processes import GAUNTLET, environment_of
 TASK = "libero/spatial-0-between-plate-ramekin"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.simulator
 @pytest.mark.ray
 def test_an_act_policy_in_liberos_convention_plays_a_suite_of_libero_with_its_real_assets(python, tmp_path):
