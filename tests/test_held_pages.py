@@ -1,4 +1,4 @@
-"""The pages on security and on several machines: what they say is held by tests that exist."""
+"""The pages on operating and on several machines: what they say is held by tests that exist."""
 
 import ast
 import re
@@ -7,7 +7,7 @@ import pytest
 
 from tests import ROOT
 
-PAGE, CLUSTER = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("security.md", "cluster.md"))
+PAGE, CLUSTER = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("operating.md", "cluster.md"))
 NAMED = re.compile(r"`(test_\w+)`")
 
 
@@ -18,7 +18,7 @@ def functions():
     return {node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
 
 
-@pytest.mark.parametrize(("page", "at_least"), [(PAGE, 20), (CLUSTER, 5)], ids=["security", "cluster"])
+@pytest.mark.parametrize(("page", "at_least"), [(PAGE, 20), (CLUSTER, 5)], ids=["operating", "cluster"])
 def test_every_test_that_a_page_names_exists(functions, page, at_least):
     named = set(NAMED.findall(page))
     assert len(named) > at_least

@@ -1,4 +1,4 @@
-"""The pages about one's own policy lead from an empty folder to a table."""
+"""The page about one's own policy leads from an empty folder to a table."""
 
 import re
 import socket
@@ -26,8 +26,8 @@ def free_ports(count):
         return [str(place.getsockname()[1]) for place in places]
 
 
-def test_the_page_about_functions_leads_to_a_table_with_a_policy_that_passes_its_check(tmp_path):
-    printed = follow("python-policies", tmp_path)
+def test_the_section_about_functions_leads_to_a_table_with_a_policy_that_passes_its_check(tmp_path):
+    printed = follow("your-policy", "Python functions", tmp_path)
     assert "3 passed" in found(printed, "pytest")
     assert " 0 failed, " in found(printed, "check python:mypolicy:Mypolicy")
     assert Image.open(tmp_path / "mypolicy" / "runs" / "policy-check.png").width > 500
@@ -36,9 +36,9 @@ def test_the_page_about_functions_leads_to_a_table_with_a_policy_that_passes_its
     assert "ok       state        the same episode after another one: the same actions" in found(printed, "memory")
 
 
-def test_the_page_about_servers_leads_to_a_table_with_numbers_that_mean_what_they_should(tmp_path):
+def test_the_section_about_servers_leads_to_a_table_with_numbers_that_mean_what_they_should(tmp_path):
     ports = dict(zip(("8000", "8001"), free_ports(2), strict=True))
-    printed = follow("remote-policies", tmp_path, replaced=ports.items())
+    printed = follow("your-policy", "Policy servers", tmp_path, replaced=ports.items())
     assert "serving untrained" in found(printed, "serve untrained")
     before, after = (text for line, text in printed.items() if "policies check" in line)
     assert re.search(r"warning  translation .* look normalised", before)

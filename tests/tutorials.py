@@ -17,19 +17,23 @@ BLOCK = re.compile(
 PROGRAMS = {"robogauntlet": GAUNTLET, "python": [sys.executable]}
 
 
-def blocks(page):
-    """The blocks of `docs/PAGE.md` in order: a file's path and text, or None and the lines of commands."""
+def blocks(page, section=""):
+    """The blocks of a page in `docs`, or of its section: a file's path and text, or None and the lines of commands."""
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    if section:
+        text = text.partition(f"\n## {section}\n")[2].partition("\n## ")[0]
+        assert text, f"docs/{page}.md: no section {section}"
     return [(block["path"], block["text"]) for block in BLOCK.finditer(text)]
 
 
-def follow(page, folder, *, skipped=(), replaced=(), **variables):
-    """Do what `docs/PAGE.md` says, in an empty folder: write its files and run its commands, which must succeed.
+def follow(page, section, folder, *, skipped=(), replaced=(), **variables):
+    """Do what a section of a page says, in an empty folder: write its files and run its commands, which must succeed.
 
-    A command that ends in `&` runs until the page ends; the next one waits for its first line.
+    A command that ends in `&` runs until the section ends; the next one waits for its first line.
 
     Args:
         page: Name of the page.
+        section: Heading of the section.
         folder: Where its reader starts; `cd` changes it.
         skipped: Beginnings of commands that are not run.
         replaced: Pairs of a text of the page and what the test has instead of it.
@@ -40,7 +44,7 @@ def follow(page, folder, *, skipped=(), replaced=(), **variables):
     """
     printed = {}
     with ExitStack() as running:
-        for path, text in blocks(page):
+        for path, text in blocks(page, section):
             for old, new in replaced:
                 text = text.replace(old, new)
             if path is not None:

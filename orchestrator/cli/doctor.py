@@ -29,7 +29,7 @@ LISTENS = {
     "robogauntlet policies serve": "127.0.0.1, port 8000; elsewhere by --host, with a token",
     "robogauntlet.evaluate of an object": "127.0.0.1, any free port, with a token",
 }
-"""What listens for connections, and where; see docs/security.md."""
+"""What listens for connections, and where; see docs/operating.md."""
 
 
 def doctor(as_json: AsJson = False) -> None:

@@ -86,7 +86,7 @@ def test_message() -> None:
     """Send a test notification to all recipients."""
     recipients = notifiers(os.environ)
     if not recipients:
-        variables = "ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/notifications.md)"
+        variables = "ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/operating.md)"
         raise BadInput(f"no recipient: set {variables}")
     message = Message("RoboGauntlet: a test", ("If you read this, notifications arrive.",), "none")
     if problems := send_all(message, recipients):

@@ -1,4 +1,4 @@
-"""Notifications about runs by webhook and e-mail, configured by environment variables. See docs/notifications.md."""
+"""Notifications about runs by webhook and e-mail, configured by environment variables. See docs/operating.md."""
 
 from robogauntlet.orchestrator.notifications.message import Message, message_for
 from robogauntlet.orchestrator.notifications.sending import Notifier, Retries, send_all

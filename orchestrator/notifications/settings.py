@@ -27,7 +27,7 @@ def notifiers(environment: Mapping[str, str]) -> list[Notifier]:
     """Return the targets of notifications: a webhook per address, and e-mail. Opens no connection.
 
     Args:
-        environment: Variables such as `os.environ`; see docs/notifications.md. Empty variables count as unset.
+        environment: Variables such as `os.environ`; see docs/operating.md. Empty variables count as unset.
 
     Raises:
         NotificationError: A variable is missing or malformed.

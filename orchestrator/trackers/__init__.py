@@ -1,4 +1,4 @@
-"""Experiment trackers (Weights & Biases, MLflow), which observe a run. See docs/notifications.md and docs/runs.md."""
+"""Experiment trackers (Weights & Biases, MLflow), which observe a run. See docs/operating.md."""
 
 from __future__ import annotations
 

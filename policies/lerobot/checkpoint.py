@@ -195,7 +195,7 @@ def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     if unknown := [name for name in options.cameras.values() if name not in shapes]:
         raise mismatch(f"cameras: expected a feature of the checkpoint, {', '.join(shapes)}; got {unknown[0]}")
     if lacking := [name for name in shapes if name not in (ACTION, *given, *declared.unfilled)]:
-        raise mismatch(f"the checkpoint needs {lacking[0]}, which no option provides; see docs/lerobot.md")
+        raise mismatch(f"the checkpoint needs {lacking[0]}, which no option provides; see docs/your-policy.md")
     numbers = options.width if options.joints else PROPRIOCEPTION_DIM
     if state is not None and shapes[state] != (numbers,):
         meaning = "joints, gripper" if options.joints else "position, axis-angle, fingers"

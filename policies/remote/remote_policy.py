@@ -59,7 +59,7 @@ class RemotePolicy:
             self.spec = self._greeting.spec
 
     def digest(self) -> str:
-        """Return the hash of the policy's content, see `docs/remote-policies.md`."""
+        """Return the hash of the policy's content, see `docs/your-policy.md`."""
         if self._options.identity is not None:
             return self._options.digest({"identity": self._options.identity})
         if self._is_robogauntlet:

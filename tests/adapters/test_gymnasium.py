@@ -21,7 +21,7 @@ from tests import ROOT
 from tests.adapters.goals import check_goal
 
 VIEW = View(CAMERAS[:1], 32)
-PAGE = (ROOT / "docs" / "metaworld-and-gymnasium.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "simulators.md").read_text(encoding="utf-8")
 
 
 class Reacher(EnvironmentMapping):

@@ -63,7 +63,7 @@ SCHEDULES = [
 NOTIFIERS = [
     Case("schedule test-message", says, variables=variables)
     for variables, says in (
-        ({}, "no recipient: set ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/notifications.md)"),
+        ({}, "no recipient: set ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/operating.md)"),
         ({"ROBOGAUNTLET_WEBHOOK_URL": "nonsense"}, "ROBOGAUNTLET_WEBHOOK_URL"),
         ({"ROBOGAUNTLET_WEBHOOK_URL": f"ftp://u:{SECRET}@x"}, "ROBOGAUNTLET_WEBHOOK_URL"),
         (

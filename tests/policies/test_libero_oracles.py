@@ -13,7 +13,7 @@ PLAYED = (
     "goal-7-turn-on-stove",
     "10-3-kitchen4-put-black-bowl-in-bottom-drawer-cabinet-close",
 )
-"""One task of each suite; for the others see docs/libero.md."""
+"""One task of each suite; for the others see docs/simulators.md."""
 MIDDLE = np.array([0.5, 0.0, 0.03])
 
 

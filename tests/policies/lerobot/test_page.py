@@ -1,4 +1,4 @@
-"""The page about LeRobot leads from a checkpoint to a table."""
+"""The section about LeRobot leads from a checkpoint to a table."""
 
 import os
 import shutil
@@ -15,11 +15,13 @@ from tests.tutorials import follow
 FEATURES = {"observation.images.third_person": {"shape": [3, 96, 96]}, "observation.state": {"shape": [8]}}
 
 
-def test_the_suite_of_the_page_is_valid_where_lerobot_is_not_installed(bare, tmp_path_factory):
+def test_the_suite_of_the_section_is_valid_where_lerobot_is_not_installed(bare, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     shutil.copytree(bare(input_features=FEATURES), folder / "checkpoints" / "act_push")
     later = ("robogauntlet env", "robogauntlet policies", "robogauntlet run")
-    (printed,) = follow("lerobot", folder, skipped=later, ROBOGAUNTLET_ENVIRONMENTS=os.devnull).values()
+    (printed,) = follow(
+        "your-policy", "LeRobot checkpoints", folder, skipped=later, ROBOGAUNTLET_ENVIRONMENTS=os.devnull
+    ).values()
     assert "act.yaml: valid, 5 episodes" in printed
     assert "create it: robogauntlet env create lerobot" in printed
 
@@ -27,11 +29,11 @@ def test_the_suite_of_the_page_is_valid_where_lerobot_is_not_installed(bare, tmp
 @pytest.mark.slow
 @pytest.mark.simulator
 @pytest.mark.ray
-def test_the_page_leads_from_a_checkpoint_to_a_table(python, tmp_path):
+def test_the_section_leads_from_a_checkpoint_to_a_table(python, tmp_path):
     command = [python, MAKING, tmp_path / "checkpoints" / "act_push", "--only-act", "96"]
     subprocess.run(command, env=environment_of(ROOT), check=True, capture_output=True)
     made = {"skipped": ["robogauntlet env"], "ROBOGAUNTLET_ENVIRONMENTS": FOLDER}
-    valid, checked, played = follow("lerobot", tmp_path, **made).values()
+    valid, checked, played = follow("your-policy", "LeRobot checkpoints", tmp_path, **made).values()
     assert "valid" in valid
     assert " 0 failed, " in checked
     assert "5 of 5 episodes" in played
