@@ -52,7 +52,7 @@ BUDGETS = {
     "results": 13_930,
     "suites": 2_906,
     "src/robogauntlet": 1_030,
-    "tests": 48_000,
+    "tests": 47_330,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 37_300

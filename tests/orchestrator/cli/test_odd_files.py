@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tests.bad_input.test_bad_input import deadline
+from tests.bad_input.test_verbs import deadline
 from tests.orchestrator.cli.test_compare import bad, good, save
 
 DEADLINE_S = 20
