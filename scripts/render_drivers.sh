@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what the simulators need to render without a GPU: Mesa's Vulkan driver (24.3 or newer, for SAPIEN)
 # and its EGL/OpenGL libraries (for MuJoCo). Does nothing where they are already there. On a machine where it
-# cannot install (not root, not Debian/Ubuntu) it prints the command to type and succeeds: `robogauntlet doctor`
+# cannot install (not root, not Debian/Ubuntu) it prints the command to type and succeeds: `robogauntlet check installation`
 # says later which simulators are affected.
 set -euo pipefail
 

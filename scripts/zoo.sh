@@ -27,13 +27,13 @@ export OMP_NUM_THREADS=1
 
 finished() { [ -e "$1/card.json" ]; }
 
-"$ROBOGAUNTLET" policies demonstrate maniskill/{PushCube,PullCube,StackCube}-v1 robosuite/{Lift,Stack,Door} 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
+"$ROBOGAUNTLET" new demonstrations maniskill/{PushCube,PullCube,StackCube}-v1 robosuite/{Lift,Stack,Door} 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
 finished "$FOLDER/base" ||
     OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" mergevla pretrain "$DATA" --out "$FOLDER/base" \
         --steps "$(few 3200)" --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
 
 while read -r task demonstrations profile _; do
-    "$ROBOGAUNTLET" policies demonstrate "$task" --out "$FOLDER/demonstrations/$profile" --render-profile "$profile" \
+    "$ROBOGAUNTLET" new demonstrations "$task" --out "$FOLDER/demonstrations/$profile" --render-profile "$profile" \
         --episodes "$(few "$demonstrations")" --workers 2 </dev/null
 done <<<"$EXPERTS"
 
@@ -50,7 +50,7 @@ train() {
 # One task's expert learns from being corrected as well (DAgger): a first expert acts, the oracle takes over from it.
 name="${CORRECTED/\//__}"
 train "$FOLDER/first/$name" "$DATA/$name" 5000 1e-3 --action-steps 4
-"$ROBOGAUNTLET" policies demonstrate "$CORRECTED" --learner "$FOLDER/first" --whole --out "$FOLDER/corrections" \
+"$ROBOGAUNTLET" new demonstrations "$CORRECTED" --learner "$FOLDER/first" --whole --out "$FOLDER/corrections" \
     --episodes "$(few 300)" --first-seed 1500000 --workers 2
 
 expert() {

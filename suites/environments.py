@@ -78,5 +78,3 @@ class Config(BaseModel):
 
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
     """Simulator to its Python environment, unless the suite defines another."""
-    defaults: dict[str, dict[str, Any]] = Field(default_factory=dict)
-    """Verb to its options, without dashes, and their values, which the command line overrides."""

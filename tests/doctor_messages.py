@@ -1,4 +1,4 @@
-"""The messages of `robogauntlet doctor`, read from the code: a template for each."""
+"""The messages of `robogauntlet check installation`, read from the code: a template for each."""
 
 import ast
 import re
@@ -6,7 +6,7 @@ import re
 from tests import ROOT
 
 SOURCES = {
-    "orchestrator/cli/doctor.py": {"append"},
+    "orchestrator/cli/check/installation.py": {"append"},
     "orchestrator/environments/probe.py": {"Finding"},
     "src/robogauntlet/support/child_process.py": {"_how_it_ended"},
     "suites/plugins.py": {"reason", "_why_unusable"},

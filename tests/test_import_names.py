@@ -75,7 +75,7 @@ def test_the_pytest_plugin_imports_nothing_heavy():
 
 
 def test_adapters_are_checked_without_pytest():
-    code = "import sys, robogauntlet.orchestrator.cli.adapters.check; print('pytest' in sys.modules)"
+    code = "import sys, robogauntlet.orchestrator.cli.check.adapter; print('pytest' in sys.modules)"
     assert python("-c", code, folder=ROOT).stdout.strip() == "False"
 
 

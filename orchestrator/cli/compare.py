@@ -141,7 +141,7 @@ def compare(
     if mode == "--gate":
         folder = newest_run() if run is None else Path(run)
         options["only"] = policy or []
-        _conclude(_with_baseline(folder, other and Path(other), store, url, options), form, file, tables=False)
+        _conclude(_with_baseline(folder, Path(other) if other else None, store, url, options), form, file, tables=False)
     run = run or str(newest_run())
     (folder, first), (baseline, second) = parse_side(run), (None, None) if other is None else parse_side(other)
     if first is None and second is None and baseline is not None:
@@ -242,7 +242,7 @@ def _accept(run: str | None, url: str | None) -> None:
     with open_history(url) as history:
         entry = history.find(Path(run).name)
         if entry is None:
-            raise BadInput(f"no run '{run}' in the history; see: robogauntlet history")
+            raise BadInput(f"no run '{run}' in the history; see: robogauntlet list runs")
         if entry.imported:
             raise BadInput(f"{entry.name}: a run of others is no baseline; run its suite file: robogauntlet run SUITE")
         history.accept(entry.run_id)

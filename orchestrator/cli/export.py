@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import OwnSuite, RunArgument, StoreUrl, out, print_line
-from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
+from robogauntlet.orchestrator.cli.new.demonstrations import conclude_recording
 from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources

@@ -14,7 +14,7 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import HistoryUrl, fail, open_history, out, print_line, runs_root
 from robogauntlet.orchestrator.cli.console_tables import rich_table
-from robogauntlet.orchestrator.cli.serve import PublicUrl, public_address
+from robogauntlet.orchestrator.cli.serve.dashboard import PublicUrl, public_address
 from robogauntlet.orchestrator.notifications import Message, notifiers, send_all
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.plan import make_plan

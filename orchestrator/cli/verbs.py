@@ -13,91 +13,160 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_group
 
-VERBS = {
-    "run": ("run:run", "Run a suite, or continue a run, and write its report."),
-    "resume": ("resume:resume", "Continue a run of yours: play its missing episodes as it was begun."),
-    "plan": ("plan:plan", "Show the episodes that a suite plans, without starting anything."),
-    "validate": ("validate:validate", "Check suite files and report every mistake with its line."),
-    "list": ("list:list_names", "List simulators, tasks, policies, shipped suites, or the episodes of a run."),
-    "doctor": ("doctor:doctor", "Check that the installed simulators open and render on this machine."),
-    "search": (
-        "search:search",
-        "Find the smallest disturbance that breaks a policy, along each axis and combined, and confirm it.",
-    ),
-    "profile": (
-        "profile:profile",
-        "Show how far an episode in each simulator is from its bound: physics, frames and answers.",
-    ),
-    "report": ("report:report", "Write the report of a run again."),
-    "cite": ("cite:cite", "Print BibTeX of RoboGauntlet, and of the suite and the simulators of a run."),
-    "replay": ("replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
-    "verify": ("verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
+Verbs = Mapping[str, tuple["str | Verbs", str]]
+VERBS: Verbs = {
+    "run": (".run:run", "Run a suite, or continue a run, and write its report."),
+    "resume": (".resume:resume", "Continue a run of yours: play its missing episodes as it was begun."),
+    "plan": (".plan:plan", "Show the episodes that a suite plans, without starting anything."),
+    "validate": (".validate:validate", "Check suite files and report every mistake with its line."),
+    "report": (".report:report", "Write the report of a run again."),
+    "cite": (".cite:cite", "Print BibTeX of RoboGauntlet, and of the suite and the simulators of a run."),
     "compare": (
-        "compare:compare",
+        ".compare:compare",
         "Compare two policies, all policies of a run or of a suite, or a run with its baseline, episode by episode.",
     ),
-    "bisect": (
-        "bisect:bisect",
-        "Find the first checkpoint that is worse than --good by at least half of its difference to --bad.",
+    "replay": (".replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
+    "verify": (".verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
+    "search": (
+        {
+            "disturbance": (
+                ".search.disturbance:search",
+                "Find the smallest disturbance that breaks a policy, along each axis and combined, and confirm it.",
+            ),
+            "checkpoint": (
+                ".search.checkpoint:search",
+                "Find the first checkpoint that is worse than --good by at least half of its difference to --bad.",
+            ),
+        },
+        "Find the smallest disturbance that breaks a policy, or the checkpoint that became worse.",
     ),
-    "history": ("history:history", "List runs, or show the success of a policy over its runs."),
-    "forget": ("forget:forget", "Remove a run from the history."),
-    "export": ("export:export", "Write a run, or its rows, as one file, or its episodes as datasets."),
-    "import": ("import_run:import_run", "Create a run folder from an exported run, to report and compare its rows."),
-    "log": ("log:log", "Send the results of a run to an experiment tracker."),
-    "serve": ("serve:serve", "Serve the dashboard."),
-    "schedule": ("schedule:app", "Run suites at given times."),
-    "axes": ("axes:app", "List perturbation axes and render their severities."),
-    "env": ("env:app", "Create and check Python environments for simulators."),
-    "adapters": ("adapters:app", "List, create and check simulator adapters."),
-    "policies": ("policies:app", "Create, check and serve policies, and record demonstrations."),
+    "profile": (
+        ".profile:profile",
+        "Show how far an episode in each simulator is from its bound: physics, frames and answers.",
+    ),
+    "list": (
+        {
+            "simulators": (
+                ".list.names:list_simulators",
+                "List the simulators: versions, tasks, tasks with an oracle, and what perturbations can adjust.",
+            ),
+            "tasks": (
+                ".list.names:list_tasks",
+                "List the tasks of all simulators, with what policies are told in them.",
+            ),
+            "policies": (".list.names:list_policies", "List the kinds of policies."),
+            "suites": (".list.names:list_suites", "List the suites that are shipped."),
+            "axes": (".list.axes:list_axes", "List the perturbation axes with their severities, or show or draw one."),
+            "runs": (".list.runs:list_runs", "List runs, or show the success of a policy over its runs."),
+            "episodes": (
+                ".list.episodes:list_episodes",
+                "List the episodes of a run, with the ids that `robogauntlet replay` takes.",
+            ),
+        },
+        "List simulators, tasks, policies, suites, axes, runs, or the episodes of a run.",
+    ),
+    "check": (
+        {
+            "installation": (
+                ".check.installation:check",
+                "Check that the installed simulators open and render on this machine.",
+            ),
+            "adapter": (
+                ".check.adapter:check",
+                "Check an adapter against its contract, each task in a separate process.",
+            ),
+            "policy": (".check.policy:check", "Play short episodes of a policy and say what its numbers do."),
+        },
+        "Check the installation, an adapter, or a policy.",
+    ),
+    "new": (
+        {
+            "adapter": (".new.adapter:new", "Create the package of a new adapter."),
+            "policy": (".new.policy:new", "Create a folder with a policy, its tests and a suite."),
+            "demonstrations": (
+                ".new.demonstrations:new",
+                "Record successful episodes of the oracles as LeRobot v3 datasets.",
+            ),
+        },
+        "Create an adapter or a policy, or record demonstrations.",
+    ),
+    "export": (".export:export", "Write a run, or its rows, as one file, or its episodes as datasets."),
+    "import": (".import_run:import_run", "Create a run folder from an exported run, to report and compare its rows."),
+    "log": (".log:log", "Send the results of a run to an experiment tracker."),
+    "serve": (
+        {
+            "dashboard": (".serve.dashboard:serve", "Serve the dashboard."),
+            "policy": (".serve.policy:serve", "Serve a policy over a websocket."),
+        },
+        "Serve the dashboard, or a policy.",
+    ),
+    "schedule": (".schedule:app", "Run suites at given times."),
+    "env": (".env:app", "Create and check Python environments for simulators."),
 }
-"""Verb to its function or group (`module:name`) and its help; the docstring of a function begins with the same line."""
+"""Verb to its function or group (`module:name`), or to the verbs below it, and its help.
+
+The docstring of a function begins with the same line.
+"""
 
 
 _tracebacks: list[bool] = []
 """Whether the command line asks for tracebacks; empty until it is read."""
 
 
-class _Verbs(TyperGroup):
-    """Imports the file of a verb only when the verb is used, so that `robogauntlet --help` stays fast.
+class _Group(TyperGroup):
+    """Imports the file of a verb only when the verb is used, so that `robogauntlet --help` stays fast."""
 
-    Verbs of other distributions come after those of this one.
-    """
-
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, *, verbs: Verbs = VERBS, **options: Any) -> None:
         super().__init__(**options)
-        self.commands = {name: TyperCommand(name) for name in VERBS}  # for "Did you mean" only
+        self.show(verbs)
+
+    def show(self, verbs: Verbs) -> None:
+        """Have these verbs."""
+        self.verbs = verbs
+        self.commands = {name: TyperCommand(name=name) for name in verbs}  # for "Did you mean" only
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return [*_all_verbs()]  # `list` is a module here once that verb was imported
+        return [*self.verbs]  # `list` is a package here once a verb of it was imported
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name in VERBS or cmd_name in _all_verbs():
-            return _command(cmd_name)
-        self.commands.update({name: TyperCommand(name) for name in _all_verbs()})
-        return None
+        if cmd_name not in self.verbs:
+            return None
+        below, help_line = self.verbs[cmd_name]
+        if isinstance(below, str):
+            return _command(cmd_name, below, help_line)
+        return _Group(verbs=below, name=cmd_name, help=help_line, no_args_is_help=True, rich_markup_mode=None)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
+        names = self.list_commands(ctx)
         with formatter.section("Commands"):
-            formatter.write_dl([(name, help_line) for name, (_, help_line) in _all_verbs().items()])
+            formatter.write_dl([(name, self.verbs[name][1]) for name in names])
 
 
-def _all_verbs() -> Mapping[str, tuple[str, str]]:
-    """Those of this distribution, and those of others with their modules' full names."""
-    from robogauntlet.orchestrator.cli.plugin_verbs import plugin_verbs
+class _Verbs(_Group):
+    """The verbs of this distribution, and after them those of others."""
 
-    return {**VERBS, **{name: verb for name, verb in plugin_verbs().items() if name not in VERBS}}
+    def list_commands(self, ctx: Any) -> list[str]:
+        self._add_plugins()
+        return super().list_commands(ctx)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in self.verbs:
+            self._add_plugins()
+        return super().get_command(ctx, cmd_name)
+
+    def _add_plugins(self) -> None:
+        from robogauntlet.orchestrator.cli.plugin_verbs import plugin_verbs
+
+        self.show({**VERBS, **{name: verb for name, verb in plugin_verbs().items() if name not in VERBS}})
 
 
 @cache
-def _command(name: str) -> Any:
+def _command(name: str, address: str, help_line: str) -> Any:
     """The command, or group of commands, of a verb."""
     from robogauntlet.orchestrator.cli.parameters import check_parameters
 
-    address, help_line = VERBS.get(name) or _all_verbs()[name]
     module, _, function = address.partition(":")
-    verb = getattr(import_module(f"{__package__}.{module}" if name in VERBS else module), function)
+    verb = getattr(import_module(module, __package__), function)
     parent = typer.Typer(rich_markup_mode=None)
     if isinstance(verb, typer.Typer):
         parent.add_typer(verb, name=name, help=help_line)
@@ -135,11 +204,9 @@ def _options(
 ) -> None:
     if ctx.invoked_subcommand is not None:
         from robogauntlet.orchestrator.cli.common import out
-        from robogauntlet.orchestrator.cli.defaults import configured_defaults
 
         out.quiet = quiet
         _tracebacks.append(verbose)
-        ctx.default_map = configured_defaults(ctx.command, ctx.invoked_subcommand)
 
 
 def run_command() -> None:

@@ -50,7 +50,7 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
     except Late:
         raise PolicyError(
             f"policy '{name}': expected its first answer within {LIMIT_S:g} s, got none; serve a policy that takes "
-            "longer (robogauntlet policies serve), or find out where it hangs"
+            "longer (robogauntlet serve policy), or find out where it hangs"
         ) from None
     except _Left as left:
         raise PolicyError(f"policy '{name}': expected an action chunk, it ended its process ({left})") from None

@@ -27,7 +27,7 @@ def render_all(schedules: Sequence[Schedule], file: Path, target: Target, root: 
     """Render the schedules of a file for another program, for runs in the working directory `root`."""
     if target is Target.SERVICE:
         served = _service("schedules", ("schedule", "serve", str(file)), root)
-        return f"{served}\n{_service('dashboard', ('serve',), root)}"
+        return f"{served}\n{_service('dashboard', ('serve', 'dashboard'), root)}"
     render = _systemd if target is Target.SYSTEMD else _cron
     return "".join(render(schedule, ("schedule", "run", schedule.name, str(file)), root) for schedule in schedules)
 

@@ -96,5 +96,5 @@ def _refuse_another_run(history: History, entry: RunEntry, folder: Path, documen
     if not same:
         raise RunError(
             f"it says that it is run {document.run_id}, which the history has with other policies or rows; "
-            f"if this one counts: robogauntlet forget {document.run_id[:SHORTEST_ID]}"
+            f"if this one counts: robogauntlet list runs --forget {document.run_id[:SHORTEST_ID]}"
         )

@@ -20,7 +20,7 @@ export OMP_NUM_THREADS=1
 # A folder for each task, since one process at a time records into one.
 # Task, and by default 150 episodes in demonstrations/.
 demonstrate() {
-    "$ROBOGAUNTLET" policies demonstrate "$1" --out "$FOLDER/${3:-demonstrations}/${1/\//__}" \
+    "$ROBOGAUNTLET" new demonstrations "$1" --out "$FOLDER/${3:-demonstrations}/${1/\//__}" \
         --episodes "$(few "${2:-150}")" --render-profile fast-2 --workers 1
 }
 

@@ -28,9 +28,9 @@ expert() {
     local number out="$FOLDER/experts/libero-$1"
     # One task after the other, since one process at a time records into a folder.
     for number in $(tasks_of "$1"); do
-        "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$FOLDER/demonstrations/$1" \
+        "$ROBOGAUNTLET" new demonstrations "libero/$1-$number-*" --out "$FOLDER/demonstrations/$1" \
             --episodes "$(few 50)" --render-profile fast-2 --workers 1
-        "$ROBOGAUNTLET" policies demonstrate "libero/$1-$number-*" --out "$FOLDER/replays/$1" --episodes 1 --noise 0 \
+        "$ROBOGAUNTLET" new demonstrations "libero/$1-$number-*" --out "$FOLDER/replays/$1" --episodes 1 --noise 0 \
             --render-profile fast-2 --workers 1
     done
     [ -e "$out/card.json" ] || finetune "$FOLDER/demonstrations/$1" zoo:base "$out"

@@ -25,7 +25,7 @@ export OMP_NUM_THREADS=1
 
 # A folder for each task, since one process at a time records into one: its dataset, task, number, render profile.
 demonstrate() {
-    "$ROBOGAUNTLET" policies demonstrate "$2" --out "$FOLDER/$1/${2/\//__}" --episodes "$(few "$3")" \
+    "$ROBOGAUNTLET" new demonstrations "$2" --out "$FOLDER/$1/${2/\//__}" --episodes "$(few "$3")" \
         --render-profile "$4" --workers 1 "${@:5}"
 }
 record() {

@@ -33,7 +33,7 @@ EPISODES=$(few 20)
 export OMP_NUM_THREADS=1
 
 # shellcheck disable=SC2086  # tasks are several words
-[ -n "${DEMONSTRATIONS:-}" ] || "$ROBOGAUNTLET" policies demonstrate $TASKS $OTHER_TASKS --out "$DATA" --episodes "$(few 150)" --workers 2
+[ -n "${DEMONSTRATIONS:-}" ] || "$ROBOGAUNTLET" new demonstrations $TASKS $OTHER_TASKS --out "$DATA" --episodes "$(few 150)" --workers 2
 
 datasets() {
     for task in "$@"; do echo "$DATA/${task/\//__}"; done

@@ -20,7 +20,7 @@ export OMP_NUM_THREADS=1
 # A folder for each task, since one process at a time records into one.
 expert() {
     local name="metaworld__$1-v3"
-    "$ROBOGAUNTLET" policies demonstrate "metaworld/$1-v3" --out "$FOLDER/demonstrations/$name" \
+    "$ROBOGAUNTLET" new demonstrations "metaworld/$1-v3" --out "$FOLDER/demonstrations/$name" \
         --episodes "$(few 150)" --render-profile fast-2 --workers 1
     [ -e "$FOLDER/experts/$name/card.json" ] ||
         "$ROBOGAUNTLET" mergevla finetune "$FOLDER/demonstrations/$name/$name" --base zoo:base \

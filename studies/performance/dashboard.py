@@ -26,7 +26,7 @@ def measure() -> list[dict[str, object]]:
         start = time.perf_counter()
         newest = _fill(root)
         print(f"{RUNS:,} runs stored in {time.perf_counter() - start:.0f} s", flush=True)
-        command = [*GAUNTLET, "serve", "--port", "0", "--history", f"sqlite:///{root / 'history.sqlite'}"]
+        command = [*GAUNTLET, "serve", "dashboard", "--port", "0", "--history", f"sqlite:///{root / 'history.sqlite'}"]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root)
         try:
             assert server.stdout is not None

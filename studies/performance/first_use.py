@@ -43,9 +43,9 @@ def measure() -> list[dict[str, Any]]:
         (folder / "six_lines.py").write_text(LINES)
         rows.append(_row("six lines: 10 episodes of an own function", lambda: _run([python, "six_lines.py"], folder)))
         rows.append(_row("`evaluate` in a running process: its first row", lambda: _first_row(folder), TIMES))
-        command = [python.with_name("robogauntlet"), "policies", "check", "python:mine:act"]
+        command = [python.with_name("robogauntlet"), "check", "policy", "python:mine:act"]
         (folder / "mine.py").write_text("\n".join(LINES.splitlines()[:4]))
-        rows.append(_row("`robogauntlet policies check` of it", lambda: _run(command, folder), TIMES))
+        rows.append(_row("`robogauntlet check policy` of it", lambda: _run(command, folder), TIMES))
     table_of(
         rows, {"step": "{step}", "times": "{times}", "median, s": "{median_s:.1f}", "longest, s": "{longest_s:.1f}"}
     )

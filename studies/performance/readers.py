@@ -36,7 +36,7 @@ def measure() -> list[dict[str, object]]:
         _play(folder, environment, "warm-up")
         for pair in range(PAIRS):
             alone = _play(folder, environment, f"alone-{pair}")
-            command = [*GAUNTLET, "serve", "--port", "0"]
+            command = [*GAUNTLET, "serve", "dashboard", "--port", "0"]
             server = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, cwd=folder)
             assert server.stdout is not None
             address = server.stdout.readline().split()[1].rstrip("/")

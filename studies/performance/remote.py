@@ -72,7 +72,7 @@ def _row(title: str, kind: str, options: dict[str, object]) -> dict[str, object]
 
 @contextmanager
 def _server(folder: Path) -> Iterator[str]:
-    arguments = ["policies", "serve", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
+    arguments = ["serve", "policy", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
     process = subprocess.Popen([*GAUNTLET, *arguments], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:

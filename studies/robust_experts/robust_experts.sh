@@ -33,11 +33,11 @@ for axis in $VARIED; do vary+=(--vary "$axis"); done
 # Kind of scenes, first seed, tasks, options.
 demonstrate() {
     while read -r task demonstrations _; do
-        "$ROBOGAUNTLET" policies demonstrate "$task" --workers 2 --out "$FOLDER/$1/demonstrations" \
+        "$ROBOGAUNTLET" new demonstrations "$task" --workers 2 --out "$FOLDER/$1/demonstrations" \
             --episodes "$(few "$demonstrations")" --first-seed "$2" "${@:4}" </dev/null
     done <<<"$3"
     # As in the zoo, one task's expert learns from being corrected as well: the zoo's expert acts, the oracle takes over.
-    "$ROBOGAUNTLET" policies demonstrate "$CORRECTED" --workers 2 --out "$FOLDER/$1/corrections" \
+    "$ROBOGAUNTLET" new demonstrations "$CORRECTED" --workers 2 --out "$FOLDER/$1/corrections" \
         --episodes "$(few 300)" --first-seed "$(($2 + 500000))" --learner zoo:experts --whole "${@:4}"
 }
 demonstrate plain 1000000 "$EQUAL_BUDGET"

@@ -13,7 +13,7 @@ TASKS="so101/PickPlace so101/Push so101/Stack"
 export OMP_NUM_THREADS=1 FOLDER ROBOGAUNTLET
 
 # shellcheck disable=SC2086  # tasks are several words
-"$ROBOGAUNTLET" policies demonstrate $TASKS --out "$FOLDER/demonstrations" --episodes "$(few 50)" \
+"$ROBOGAUNTLET" new demonstrations $TASKS --out "$FOLDER/demonstrations" --episodes "$(few 50)" \
     --render-profile fast-2 --workers 2
 [ -e "$FOLDER/base/card.json" ] ||
     OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" mergevla pretrain "$FOLDER/demonstrations" \

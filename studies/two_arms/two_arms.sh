@@ -23,7 +23,7 @@ maniskill/PushCube-v1 1500 --action-steps 4"
 export OMP_NUM_THREADS=1
 
 demonstrate() {
-    "$ROBOGAUNTLET" policies demonstrate "$1" --noise "$2" --out "$DATA/${1/\//__}" --episodes "$(few 150)" \
+    "$ROBOGAUNTLET" new demonstrations "$1" --noise "$2" --out "$DATA/${1/\//__}" --episodes "$(few 150)" \
         --render-profile fast-2 --workers 1
 }
 

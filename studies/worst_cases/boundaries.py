@@ -36,7 +36,7 @@ def measure() -> list[dict[str, str]]:
     """A row for each boundary and each test of it; writes the episodes beside the rows."""
     folder = Path(os.environ.get("SEARCH", "runs/boundaries")).absolute()
     chosen = [word for name, values in (("--task", TASKS), ("--axis", AXES)) for one in values for word in (name, one)]
-    run_gauntlet("search", "--policy", "zoo:experts", *chosen, "--budget", BUDGET, "--out", folder)
+    run_gauntlet("search", "disturbance", "--policy", "zoo:experts", *chosen, "--budget", BUDGET, "--out", folder)
     frame = pd.concat(open_run(played).episodes(EPISODE) for played in sorted(folder.glob("*/round-*")))
     write_episodes("boundaries", frame, EPISODE[:4])
     rows = rows_of(frame)

@@ -1,4 +1,4 @@
-"""ManiSkill's adapter keeps the contract, in two tasks; `adapters check maniskill --all-tasks` checks all."""
+"""ManiSkill's adapter keeps the contract, in two tasks; `check adapter maniskill --all-tasks` checks all."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""robosuite's adapter keeps the contract, in two tasks; `adapters check robosuite --all-tasks` checks all."""
+"""robosuite's adapter keeps the contract, in two tasks; `check adapter robosuite --all-tasks` checks all."""
 
 import pytest
 

@@ -17,7 +17,7 @@ def good_files(tmp_path_factory):
     folder.fill(place)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
-        patch.setattr(sys, "argv", ["robogauntlet", "history"])  # later commands find its tables, and the runs
+        patch.setattr(sys, "argv", ["robogauntlet", "list", "runs"])  # later commands find its tables, and the runs
         with pytest.raises(SystemExit):
             main()
     return place, folder.content(place)

@@ -18,8 +18,8 @@ FREE = "name: s\nneeds: policy\ntasks: [null/Reach]\nseeds: {count: 1}\n"
 PLAY = "run --policy {} --task null/Reach --seeds 1 --out new"
 MERGE = "mergevla merge experts/null-Reach experts/null-Slow --out new"
 TRAIN = "mergevla finetune data/Reach --base base --out new --steps 1 --batch-size 2 --rank 2"
-SEARCH = "search --policy random --task null/Reach --out new --budget"
-BISECT = "bisect --good {} --bad {} --task null/Reach --out new"
+SEARCH = "search disturbance --policy random --task null/Reach --out new --budget"
+BISECT = "search checkpoint --good {} --bad {} --task null/Reach --out new"
 NO_RUN = "nowhere: expected a run folder, it does not exist"
 NO_NULL = "null simulator (no physics) does not let its cameras be adjusted"
 READERS = (
@@ -43,10 +43,10 @@ TYPED = {
     "run runs/monday": "this is a run folder; to continue its run: robogauntlet run suites/synthetic.yaml --out runs",
     "run --policy oracle --task null/Reach --option image_size=224": "it is a key of suites: --image-size",
     "run suite.yaml --episodes 10": "No such option: --episodes (Possible options: --seeds)",
-    "axes show lighting": "unknown axis 'lighting'; did you mean one of illuminance, light-direction, ",
+    "list axes lighting": "unknown axis 'lighting'; did you mean one of illuminance, light-direction, ",
     "rnu suite.yaml": "No such command 'rnu'",
-    "policies chek random": "No such command 'chek'. Did you mean 'check'?",
-    "list extra": "'extra' is not one of 'simulators', 'tasks'",
+    "check polcy random": "No such command 'polcy'. Did you mean 'policy'?",
+    "list extra": "No such command 'extra'",
     "report runs/monday --table nope": "'nope' is not one of 'latex'",
     "replay": "expected an episode's id, or --policy, --task and --seed; got no id and no",
     # suites
@@ -88,20 +88,20 @@ TYPED = {
     ): "policy 'zoo-experts' does not fit: it cannot act in null/Reach; it can in maniskill/PullCube-v1, ",
     PLAY.format("random --option sead=1"): "policy 'random' has no option 'sead'",
     PLAY.format("lerobot:nowhere"): "expected a folder or an id on the hub, got 'nowhere'",
-    "policies serve randm --port 0": "got 'randm'; did you mean 'random'?",
-    "policies serve random --host nowhere.invalid --port 0": "nowhere.invalid",
-    "policies serve random --host 0.0.0.0 --port 0": "ROBOGAUNTLET_TOKEN",
-    "policies check random --task null/Reech": "unknown task 'null/Reech'; did you mean 'null/Reach'?",
-    "policies check random --picture x.jpg": "expected a file that ends in .png for --picture, got 'x.jpg'",
-    "policies new json": "a Python module 'json' exists already; choose another name",
-    "policies new a-b": "expected a name of up to 40 small letters, digits and single underscores",
-    "policies new mine --out notes": "notes exists; give another folder with --out",
-    "policies new mine --out text/x": "text/x cannot be created: Not a directory",
-    "policies demonstrate null/Reach --out text": "text: expected a folder",
-    "policies demonstrate null/Reach --out runs/monday": "runs/monday: expected a folder that is not a run folder",
-    "policies demonstrate null/Reach --out new --episodes 0": "episodes",
-    "policies demonstrate null/Reach --out new --learner notes": "notes",
-    "policies demonstrate null/Reach --out new --vary nois": "--vary nois: unknown axis 'nois'; did you mean 'noise'",
+    "serve policy randm --port 0": "got 'randm'; did you mean 'random'?",
+    "serve policy random --host nowhere.invalid --port 0": "nowhere.invalid",
+    "serve policy random --host 0.0.0.0 --port 0": "ROBOGAUNTLET_TOKEN",
+    "check policy random --task null/Reech": "unknown task 'null/Reech'; did you mean 'null/Reach'?",
+    "check policy random --picture x.jpg": "expected a file that ends in .png for --picture, got 'x.jpg'",
+    "new policy json": "a Python module 'json' exists already; choose another name",
+    "new policy a-b": "expected a name of up to 40 small letters, digits and single underscores",
+    "new policy mine --out notes": "notes exists; give another folder with --out",
+    "new policy mine --out text/x": "text/x cannot be created: Not a directory",
+    "new demonstrations null/Reach --out text": "text: expected a folder",
+    "new demonstrations null/Reach --out runs/monday": "runs/monday: expected a folder that is not a run folder",
+    "new demonstrations null/Reach --out new --episodes 0": "episodes",
+    "new demonstrations null/Reach --out new --learner notes": "notes",
+    "new demonstrations null/Reach --out new --vary nois": "--vary nois: unknown axis 'nois'; did you mean 'noise'",
     # searches
     BISECT.format("oracle", "oracle"): "expected each policy once, got 'oracle' twice",
     BISECT.format("oracle", "zero random random"): "expected each policy once, got 'random' twice",
@@ -130,10 +130,9 @@ TYPED = {
     f"replay {EPISODE} --with noise --run runs/monday": "--with noise: expected one severity, such as noise@2",
     f"replay {EPISODE} --without noise --run runs/monday": "--without noise: the episode is under clean",
     "list episodes runs/monday --policy x": "the run has no policy 'x'",
-    "list --policy p": "--policy: expected with episodes, as in robogauntlet list episodes RUN --policy",
-    "list tasks runs/monday": "expected no run, got 'runs/monday'; for its episodes: robogauntlet list episodes",
-    "list policies --task null/Reach": "--task: expected with tasks or episodes, got policies",
-    "list --task nul/*": "no task matches 'nul/*'",
+    "list tasks runs/monday": "no task matches 'runs/monday'",
+    "list policies --task null/Reach": "No such option: --task",
+    "list tasks nul/*": "no task matches 'nul/*'",
     "compare runs/monday:x runs/monday:p": "runs/monday: the run has no policy 'x'; known: p, q",
     "compare runs/monday:p": "expected two policies, RUN:A RUN:B; runs/monday:p names one",
     "compare runs/monday:p runs/tuesday": "runs/monday:p names one and runs/tuesday names none",
@@ -146,11 +145,11 @@ TYPED = {
     "compare --gate runs/tuesday --policy x": "runs/tuesday: the run has no policy 'x'; known: p, q",
     "compare --gate runs/monday": "expected a complete earlier run of suite 'synthetic' beside it, found none",
     "compare --gate runs/monday --store sqlite:///x": "with --store, name the run to compare it with: robogauntlet",
-    "history x": "no run with a policy 'x'; known: p, q",
-    "history --suite syntetic": "no run of a suite 'syntetic'; did you mean 'synthetic'?",
-    "history --out x.svg": "--out: expected the name of the policy to plot",
-    "history p --out x.pdf": "--out: expected a file that ends in .svg or .html, got 'x.pdf'",
-    f"history --history postgresql+psycopg://u:{SECRET}@127.0.0.1:1/db": "u:***@127.0.0.1:1/db: connection failed",
+    "list runs x": "no run with a policy 'x'; known: p, q",
+    "list runs --suite syntetic": "no run of a suite 'syntetic'; did you mean 'synthetic'?",
+    "list runs --out x.svg": "--out: expected the name of the policy to plot",
+    "list runs p --out x.pdf": "--out: expected a file that ends in .svg or .html, got 'x.pdf'",
+    f"list runs --history postgresql+psycopg://u:{SECRET}@127.0.0.1:1/db": "u:***@127.0.0.1:1/db: connection failed",
     "compare --all nope": "no run of a suite 'nope'; known: synthetic",
     "compare --gate --all": "expected one of --gate, --all, --accept, got --gate and --all",
     "compare --all synthetic --margin 0.1": "--margin: expected without --all",
@@ -158,7 +157,9 @@ TYPED = {
     "compare --all synthetic --format junit": "--format junit: expected text or json with --all",
     "compare --accept": "--accept: expected the run that becomes the baseline",
     "compare --accept %": "no run '%' in the history",
-    "forget 0123 --delete": "no run '0123' in the history",
+    "list runs --delete": "--delete: expected with --forget RUN",
+    "list runs p --forget monday": "POLICY: expected without --forget",
+    "list runs --forget 0123 --delete": "no run '0123' in the history",
     "export runs/monday --task x": "expected --task, --condition, --status and --limit with --format lerobot-dataset",
     "export runs/monday --policy p": "expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got",
     "export runs/monday --format csv --media": "expected --media with --format run only, got csv",
@@ -169,21 +170,23 @@ TYPED = {
     "import run.zip --out ..": "--out: expected the name of a new folder, got '..'",
     "import run.zip --out runs/monday": "expected a new folder, there is one already; name another with --out",
     "log runs/monday": "Missing option '--to'\nwandb\nmlflow",
-    "serve --host 0.0.0.0 --port 0": "ROBOGAUNTLET_TOKEN",
-    "serve --public-url ftp://x --port 0": "--public-url: expected an address such as https://lab.example.org without",
+    "serve dashboard --host 0.0.0.0 --port 0": "ROBOGAUNTLET_TOKEN",
+    "serve dashboard --public-url ftp://x --port 0": "--public-url: expected an address such as https://lab.example.org",
     # schedules, axes, environments, adapters
     "schedule run nightly": "schedules.yaml: no such file",
     "schedule print cron notes": "notes: expected a file of schedules, this is a directory",
     "schedule test-message": "no recipient: set ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/oper",
-    "axes sheet noise --out x.jpg": "expected a file that ends in .png for --out, got 'x.jpg'",
-    "axes sheet noise --out x.png --task Reach": "unknown simulator 'Reach'; known: gymnasium",
+    "list axes --pictures x.png": "--pictures: expected the axis to draw",
+    "list axes noise --task null/Reach": "--task: expected with --pictures",
+    "list axes noise --pictures x.jpg": "expected a file that ends in .png for --pictures, got 'x.jpg'",
+    "list axes noise --pictures x.png --task Reach": "unknown simulator 'Reach'; known: gymnasium",
     "env create liberro": "unknown simulator 'liberro'; did you mean 'libero'?",
     "env show null": "null: runs in the running environment",
     "env remove '*'": "*: no environment of that name",
-    "adapters check null --task Reech": "unknown task 'null/Reech'; did you mean 'null/Reach'?",
-    "adapters check null --only sedes": "unknown check 'sedes'; did you mean 'seeds'?",
-    "adapters new my_sim": "expected a name of up to 40 small letters, digits and single dashes",
-    "adapters new maniskill": "the simulator 'maniskill' exists already; choose another name",
+    "check adapter null --task Reech": "unknown task 'null/Reech'; did you mean 'null/Reach'?",
+    "check adapter null --only sedes": "unknown check 'sedes'; did you mean 'seeds'?",
+    "new adapter my_sim": "expected a name of up to 40 small letters, digits and single dashes",
+    "new adapter maniskill": "the simulator 'maniskill' exists already; choose another name",
     # merging and training
     "mergevla pretrain data/Reach --out new --size huge": "expected one of tiny",
     f"{TRAIN} --schedule linear": "schedule: expected",
@@ -218,8 +221,12 @@ WITH_FILES = [
     ("report runs/odd", "run.json: expected a run document, got a folder", {"runs/odd/run.json/x": ""}),
     ("verify runs/monday", "expected the store of the run in runs/monday", {"runs/monday/episodes.sqlite": None}),
     ("export runs/monday --out new", "expected a store, this file", {"runs/monday/episodes.sqlite": b"x" * 10_000}),
-    ("history p --out mine.svg", "mine.svg: expected a new file, or a plot of a history to", {"mine.svg": "<svg/>"}),
-    ("axes sheet noise --out a.png", "a.png: expected a new file, or a contact sheet to", {"a.png": b"\x89PNG\r\n"}),
+    ("list runs p --out mine.svg", "mine.svg: expected a new file, or a plot of a history to", {"mine.svg": "<svg/>"}),
+    (
+        "list axes noise --pictures a.png",
+        "a.png: expected a new file, or a contact sheet to",
+        {"a.png": b"\x89PNG\r\n"},
+    ),
     (
         PLAY.format("python:broken:Policy"),
         "importing 'broken' raised SyntaxError: invalid syntax (broken.py, line 1)",
@@ -278,7 +285,8 @@ def test_a_mistake_is_one_line_and_changes_nothing(run_command, good_files, monk
 
 
 @pytest.mark.parametrize(
-    "typed", ["compare --accept nope", "history nope", "compare --all nope", "forget nope --history {new}"]
+    "typed",
+    ["compare --accept nope", "list runs nope", "compare --all nope", "list runs --forget nope --history {new}"],
 )
 def test_a_mistake_where_no_run_is_yet_makes_no_history(run_command, tmp_path, typed):
     assert run_command(*typed.format(new=f"sqlite:///{tmp_path}/new.sqlite").split()).refusal.startswith("no ")

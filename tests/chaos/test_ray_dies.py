@@ -127,7 +127,7 @@ def test_verify_reports_the_death_of_ray(start, suite, tmp_path):
 
 def test_demonstrate_reports_the_death_of_ray_and_completes_when_repeated(start, tmp_path):
     folder = tmp_path / "data"
-    arguments = ("policies", "demonstrate", "null/Slow", "--episodes", 300, "--out", folder)
+    arguments = ("new", "demonstrations", "null/Slow", "--episodes", 300, "--out", folder)
     command = start(*arguments)
     command.kill_raylet_when(lambda: any(folder.rglob("*.parquet")) or "null/Slow: " in command.log.read_text())
     assert command.end() == (3, [])

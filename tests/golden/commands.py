@@ -32,7 +32,7 @@ def commands(suite: Path, name: str, policies: Sequence[str]) -> list[str]:
         *(f"compare --gate {RUN} --format {form}" for form in ("text", "json")),
         f"compare --gate {RUN} {EARLIER} --allow suite --format markdown",
         *(f"compare --all {name} --format {form}" for form in ("text", "json")),
-        *(f"history{end}" for end in ("", " --json", f" {first}", f" {first} --json")),
+        *(f"list runs{end}" for end in ("", " --json", f" {first}", f" {first} --json")),
         *(f"report {RUN} --table {form}" for form in ("latex", "markdown", "csv")),
         f"cite {RUN}",
         f"verify {RUN} --sample 0",

@@ -1,4 +1,4 @@
-"""Adapters that break the contract, each in one way: variants of the toy of `robogauntlet adapters new`."""
+"""Adapters that break the contract, each in one way: variants of the toy of `robogauntlet new adapter`."""
 
 import os
 import signal

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.adapter_kit.scaffold import TEMPLATE
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.adapters.check import check
-from robogauntlet.orchestrator.cli.adapters.new import new
+from robogauntlet.orchestrator.cli.check.adapter import check
 from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
+from robogauntlet.orchestrator.cli.new.adapter import new
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from tests.full_disk import full_disk
@@ -25,9 +25,9 @@ KNOWN = Registry(
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """A package from `robogauntlet adapters new`, put on the path as an editable installation would."""
+    """A package from `robogauntlet new adapter`, put on the path as an editable installation would."""
     folder = tmp_path_factory.mktemp("new")
-    done = run_gauntlet("adapters", "new", "my-sim", cwd=folder)
+    done = run_gauntlet("new", "adapter", "my-sim", cwd=folder)
     assert done.returncode == 0, done.stderr
     package = folder / "robogauntlet-my-sim"
     built = run_process([sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"], package)
@@ -36,7 +36,7 @@ def package(tmp_path_factory):
 
 
 def test_a_new_adapter_passes_every_check_at_once(package):
-    done = run_gauntlet("adapters", "check", "my-sim", cwd=package, paths=[package])
+    done = run_gauntlet("check", "adapter", "my-sim", cwd=package, paths=[package])
     assert done.returncode == 0, done.stdout + done.stderr
     assert " 0 failed" in done.stdout
     assert "robogauntlet:" not in done.stderr
@@ -57,7 +57,7 @@ def test_an_adapter_that_is_broken_fails_with_a_line_and_exit_code_1(package):
     adapter.write_text(own.replace("self._world.step(action[:3],", "self._world.step(-action[:3],"))
     try:
         options = ("--only", "action-d", "--json")
-        done = run_gauntlet("adapters", "check", "my-sim", *options, cwd=package, paths=[package])
+        done = run_gauntlet("check", "adapter", "my-sim", *options, cwd=package, paths=[package])
     finally:
         adapter.write_text(own)
     assert done.returncode == 1
@@ -67,7 +67,7 @@ def test_an_adapter_that_is_broken_fails_with_a_line_and_exit_code_1(package):
 
 
 def test_the_list_shows_versions_tasks_oracles_and_adjustments():
-    done = CliRunner().invoke(app, ["adapters", "list"])
+    done = CliRunner().invoke(app, ["list", "simulators"])
     (line,) = [line.split() for line in done.stdout.splitlines() if line.startswith("pybullet")]
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in catalog.find("pybullet").distributions)
     assert line == ["pybullet", "PyBullet", "(panda-gym)", *versions.split(), "3", "3", "all"]
@@ -90,7 +90,7 @@ def test_a_package_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_pat
 
 def test_a_folder_that_exists_is_left_alone(run_command, tmp_path):
     (tmp_path / "there").mkdir()
-    line = run_command("adapters", "new", "mysim", "--out", "there").refusal
+    line = run_command("new", "adapter", "mysim", "--out", "there").refusal
     assert line == "there exists; give another folder with --out"
     assert not list((tmp_path / "there").iterdir())
 

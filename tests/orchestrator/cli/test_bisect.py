@@ -1,4 +1,4 @@
-"""`robogauntlet bisect` finds the checkpoint that became worse, and `robogauntlet.bisect` does from Python."""
+"""`robogauntlet search checkpoint`, and `robogauntlet.bisect`: they find the checkpoint that became worse."""
 
 import json
 import shlex
@@ -46,7 +46,19 @@ def whole(tmp_path_factory, ray_here, room_for_one):
 
 def line(tmp_path, steps, *more):
     good, *between, bad = steps
-    return ("bisect", "--good", good, "--bad", bad, *between, *TASK, "--option", f"folder={tmp_path}", *more)
+    return (
+        "search",
+        "checkpoint",
+        "--good",
+        good,
+        "--bad",
+        bad,
+        *between,
+        *TASK,
+        "--option",
+        f"folder={tmp_path}",
+        *more,
+    )
 
 
 @pytest.mark.ray
@@ -86,7 +98,10 @@ def test_a_search_that_was_interrupted_goes_on_with_its_rows(run_command, tmp_pa
     monkeypatch.setattr(CheckpointSearch, "__call__", interrupted)
     stopped = run_command(*typed)
     assert stopped.code == 130
-    assert "robogauntlet: interrupted; continue with: robogauntlet bisect --good python:steps:Step0 " in stopped.err
+    assert (
+        "robogauntlet: interrupted; continue with: robogauntlet search checkpoint --good python:steps:Step0 "
+        in stopped.err
+    )
     before = rows_of(tmp_path / "run")
     assert len(before) == 20
     monkeypatch.setattr(CheckpointSearch, "__call__", rounds)
@@ -122,7 +137,9 @@ def test_seeds_that_do_not_decide_leave_a_range(run_command, tmp_path, steps):
 def test_a_checkpoint_that_cannot_act_stops_the_search(run_command, tmp_path, steps):
     good, bad = steps((1.0, 0.0))
     (tmp_path / "steps.py").write_text((tmp_path / "steps.py").read_text() + "\n    def reset(self):\n        1 / 0\n")
-    done = run_command("bisect", "--good", good, "--bad", bad, *TASK, "--option", f"folder={tmp_path}", "--out", "run")
+    done = run_command(
+        "search", "checkpoint", "--good", good, "--bad", bad, *TASK, "--option", f"folder={tmp_path}", "--out", "run"
+    )
     assert done.code == 3
     assert "stopped: run: python:steps:Step1: 10 episodes ended in an error, none was played" in done.err
 
@@ -146,9 +163,12 @@ def test_a_search_keeps_its_rule_of_success_when_it_is_continued(run_command, tm
         assert plan.suite.success_rule == "once"
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("robogauntlet.orchestrator.cli.bisect.play_search", caught)
-    stopped = run_command("bisect", "--good", "oracle", "--bad", "zero", *TASK, "--success", "once")
-    assert "continue with: robogauntlet bisect --good oracle --bad zero --task null/Reach --success once" in stopped.err
+    monkeypatch.setattr("robogauntlet.orchestrator.cli.search.checkpoint.play_search", caught)
+    stopped = run_command("search", "checkpoint", "--good", "oracle", "--bad", "zero", *TASK, "--success", "once")
+    assert (
+        "continue with: robogauntlet search checkpoint --good oracle --bad zero --task null/Reach --success once"
+        in stopped.err
+    )
 
 
 def test_mistakes_in_python_are_one_line_and_nothing_is_started(tmp_path, monkeypatch):

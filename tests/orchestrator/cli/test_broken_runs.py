@@ -23,7 +23,7 @@ def break_run(root, name, **changes):
 
 
 @pytest.mark.parametrize(
-    "verb", [("history",), ("compare", "--all", "synthetic"), ("compare", "--accept", "monday")], ids=lambda v: v[0]
+    "verb", [("list", "runs"), ("compare", "--all", "synthetic"), ("compare", "--accept", "monday")], ids=lambda v: v[0]
 )
 def test_a_broken_run_is_named_and_the_others_are_there(run_command, runs, verb):
     break_run(runs, "far", started_at=1e20)
@@ -57,7 +57,7 @@ def test_an_emptied_store_leaves_the_report_as_it_was(run_command, runs, content
     assert after == before | {"episodes.sqlite": content}
 
 
-@pytest.mark.parametrize("verb", [("history",), ("serve", "--port", "0")], ids=lambda verb: verb[0])
+@pytest.mark.parametrize("verb", [("list", "runs"), ("serve", "dashboard", "--port", "0")], ids=lambda verb: verb[0])
 def test_a_file_that_is_no_history_is_not_turned_into_one(run_command, tmp_path, verb):
     file = tmp_path / "byte"
     file.write_bytes(b"x")

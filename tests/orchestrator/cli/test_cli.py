@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.cli.axes import _supporting_tasks
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from robogauntlet.orchestrator.cli.list.axes import _supporting_tasks
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.suites.axes import AXES
 from tests import ROOT
@@ -38,22 +38,22 @@ def suite(tmp_path):
 def test_help_names_every_verb(run_command):
     result = run_command("--help")
     assert result.code == 0
-    for verb in ("run", "plan", "validate", "list", "doctor", "report", "replay", "verify", "policies"):
+    for verb in ("run", "plan", "validate", "list", "check", "report", "replay", "verify", "new"):
         assert f" {verb} " in result.out
 
 
 def test_list_names_simulators_tasks_policies_and_suites(run_command):
-    output = run_command("list").out
+    output = "".join(run_command("list", what).out for what in ("simulators", "tasks", "policies", "suites"))
     for name in ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift", "oracle", "tabletop"):
         assert name in output
     assert "null/" not in output
 
 
 def test_a_simulator_with_many_tasks_is_listed_in_one_line_unless_they_are_asked_for(run_command, monkeypatch):
-    monkeypatch.setattr("robogauntlet.orchestrator.cli.list.MOST_LINES", 2)
-    assert "robosuite/Lift" not in run_command("list").out
-    assert "robosuite/*" in run_command("list").out
-    assert "robosuite/Lift" in run_command("list", "--task", "robosuite/*").out
+    monkeypatch.setattr("robogauntlet.orchestrator.cli.list.names.MOST_LINES", 2)
+    assert "robosuite/Lift" not in run_command("list", "tasks").out
+    assert "robosuite/*" in run_command("list", "tasks").out
+    assert "robosuite/Lift" in run_command("list", "tasks", "robosuite/*").out
 
 
 def test_validate_finds_every_mistake_in_every_file(run_command, tmp_path, suite):
@@ -95,10 +95,10 @@ def test_plan_counts_without_starting_anything(run_command, tmp_path, suite):
 
 
 def test_axes_are_listed_and_shown_by_name(run_command):
-    listed = run_command("axes", "list").out
+    listed = run_command("list", "axes").out
     assert "noise" in listed
     assert "dB PSNR" in listed
-    shown = run_command("axes", "show", "noise").out
+    shown = run_command("list", "axes", "noise").out
     assert "noise: Independent Gaussian noise" in shown
     assert "18.4" in shown
 
@@ -150,7 +150,7 @@ def test_a_rule_on_the_command_line_is_that_of_the_suite(run_command, suite, tmp
             ("run", "SUITE", "--store", "mysql://host/db"),
             "mysql://host/db: expected an sqlite or postgresql URL, got mysql",
         ),
-        (("axes", "show", "nois"), "unknown axis 'nois'; did you mean 'noise'?"),
+        (("list", "axes", "nois"), "unknown axis 'nois'; did you mean 'noise'?"),
         (("report", "no-such-folder"), "no-such-folder: expected a run folder, it does not exist"),
         (("report", "."), ".: expected a run folder, it has no run.json"),
         (("report",), "no run under runs/; name one"),

@@ -50,8 +50,8 @@ def printed(*arguments, code=0):
 
 def test_the_terminal_shows_names_without_carrying_them_out(hostile):
     (one, other), url = hostile
-    assert SHOWN in printed("history", "--history", url)
-    assert SHOWN in printed("history", FORMULA, "--history", url)
+    assert SHOWN in printed("list", "runs", "--history", url)
+    assert SHOWN in printed("list", "runs", FORMULA, "--history", url)
     assert "is left out" in printed("compare", "--all", TYPED, "--history", url, code=1)  # no suite has such a name
     assert SHOWN in printed("report", one)
     assert SHOWN in printed("compare", one, other)

@@ -1,4 +1,4 @@
-"""`robogauntlet history`, `compare --all`, `compare --accept`, `export` and `import`."""
+"""`robogauntlet list runs`, `compare --all`, `compare --accept`, `export` and `import`."""
 
 import os
 import sqlite3
@@ -22,25 +22,27 @@ def runs(tmp_path):
 
 
 def test_run_folders_are_listed_the_newest_first(run_command, runs):
-    result = run_command("history")
+    result = run_command("list", "runs")
     assert result.code == 0
     names = [line.split()[2] for line in result.out.splitlines()[2:]]
     assert names == ["half", "other", "tuesday", "monday"]
-    assert [line.split()[2] for line in run_command("history", "--suite", "another").out.splitlines()[2:]] == ["other"]
+    assert [line.split()[2] for line in run_command("list", "runs", "--suite", "another").out.splitlines()[2:]] == [
+        "other"
+    ]
 
 
 def test_a_run_of_several_policies_has_no_rate_in_the_list(run_command, runs):
     save_one = cells(("p",), ("maniskill/A",))
     results = [row(cell, seed) for cell in save_one for seed in range(40)]
     run_folder(runs / "one", document(40, save_one, run_id="5", started_at=5 * 86_400.0), results)
-    lines = run_command("history").out.splitlines()[2:]
+    lines = run_command("list", "runs").out.splitlines()[2:]
     assert "100 % [91, 100]" in lines[0]
     assert all("2 policies" in line and " % [" not in line for line in lines[1:])
 
 
 def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_path):
     assert run_command("compare", "--gate", "runs/tuesday").code == 1
-    result = run_command("history", "p", "--suite", "synthetic", "--out", "plot.svg")
+    result = run_command("list", "runs", "p", "--suite", "synthetic", "--out", "plot.svg")
     lines = result.out.splitlines()
     assert "75 %  [65, 83]" in lines[2]
     assert "▼ regressed" in lines[3]
@@ -49,7 +51,7 @@ def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_pat
     assert picture.startswith("<svg")
     assert picture.count('class="bad"') == 1
     for _ in range(2):  # the second replaces the first
-        assert run_command("history", "p", "--task", "maniskill/A", "--out", "plot.html").code == 0
+        assert run_command("list", "runs", "p", "--task", "maniskill/A", "--out", "plot.html").code == 0
     assert (tmp_path / "plot.html").read_text().startswith("<!doctype html>")
 
 
@@ -59,13 +61,13 @@ def test_a_policys_history_has_its_kinds_of_failures(run_command, tmp_path):
         results = [row(plan[0], seed, "failure", failure=kind) for seed, kind in enumerate(kinds)]
         run = document(2, plan, run_id=f"run-{number}", started_at=86_400.0 * number)
         run_folder(tmp_path / "runs" / f"night-{number}", run, results)
-    out = run_command("history", "p").out
+    out = run_command("list", "runs", "p").out
     assert "Failures in clean episodes by kind" in out
     assert "- first seen in night-1: unsafe, 1 of 2 failures" in out
 
 
 def test_a_history_without_kinds_has_no_such_table(run_command, runs):
-    assert "by kind" not in run_command("history", "p").out
+    assert "by kind" not in run_command("list", "runs", "p").out
 
 
 def test_a_worse_run_is_no_baseline_until_it_is_accepted(run_command, runs):
@@ -95,7 +97,7 @@ def test_a_run_is_exported_and_imported_as_one_file(run_command, runs, tmp_path)
     result = run_command("import", "monday.zip", "--out", "elsewhere/monday", "--history", history)
     assert result.code == 0
     assert (tmp_path / "elsewhere" / "monday" / "report.html").exists()
-    assert "complete, imported" in run_command("history", "--history", history).out
+    assert "complete, imported" in run_command("list", "runs", "--history", history).out
 
 
 @pytest.mark.parametrize(
@@ -136,14 +138,17 @@ def test_an_export_that_fails_leaves_nothing(run_command, runs, tmp_path, form):
 @pytest.mark.parametrize(
     ("typed", "words"),
     [
-        (("history", "pp"), "no run with a policy 'pp'; did you mean 'p'?"),
-        (("history", "--suite", "synthetc"), "no run of a suite 'synthetc'; did you mean 'synthetic'?"),
-        (("history", "p", "--task", "nowhere"), "no run with a policy 'p' on 'nowhere'"),
-        (("history", "p", "--out", "no/such/folder.svg"), "expected a file in an existing folder"),
-        (("history", "p", "--out", "plot.png"), "--out: expected a file that ends in .svg or .html, got 'plot.png'"),
-        (("history", "--out", "plot.svg"), "--out: expected the name of the policy to plot"),
-        (("history", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),
-        (("history", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
+        (("list", "runs", "pp"), "no run with a policy 'pp'; did you mean 'p'?"),
+        (("list", "runs", "--suite", "synthetc"), "no run of a suite 'synthetc'; did you mean 'synthetic'?"),
+        (("list", "runs", "p", "--task", "nowhere"), "no run with a policy 'p' on 'nowhere'"),
+        (("list", "runs", "p", "--out", "no/such/folder.svg"), "expected a file in an existing folder"),
+        (
+            ("list", "runs", "p", "--out", "plot.png"),
+            "--out: expected a file that ends in .svg or .html, got 'plot.png'",
+        ),
+        (("list", "runs", "--out", "plot.svg"), "--out: expected the name of the policy to plot"),
+        (("list", "runs", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),
+        (("list", "runs", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
         (("compare", "--all", "nothing"), "no run of a suite 'nothing'"),
         (("compare", "--accept", "nothing"), "no run 'nothing' in the history"),
         (("export", "nothing"), "expected a run folder, it does not exist"),
@@ -169,12 +174,12 @@ def test_a_mistake_is_one_line(run_command, runs, typed, words):
 
 
 def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs):
-    run_command("history")
+    run_command("list", "runs")
     with sqlite3.connect(runs / "history.sqlite") as connection:
         connection.execute("UPDATE robogauntlet_schema SET version = 99")
     connection.close()
     before = (runs / "history.sqlite").read_bytes()
-    assert f"expected a store of version {VERSION}, got version 99" in run_command("history").refusal
+    assert f"expected a store of version {VERSION}, got version 99" in run_command("list", "runs").refusal
     assert (runs / "history.sqlite").read_bytes() == before
 
 

@@ -33,7 +33,7 @@ def test_a_run_that_was_sent_in_between_is_no_baseline(run_command, tmp_path):
     run_command("export", "theirs/poison", "--out", "poison.zip")
     assert run_command("import", "poison.zip", "--out", "runs/poison").code == 0
     assert run_command("compare", "--gate", "runs/wednesday").code == 1
-    assert "complete, imported" in run_command("history").out
+    assert "complete, imported" in run_command("list", "runs").out
     assert "a run of others is no baseline" in run_command("compare", "--accept", "poison").refusal
 
 
@@ -67,4 +67,4 @@ def test_videos_go_with_the_run_with_media(run_command, exported, tmp_path):
 def test_a_folder_that_arrives_is_not_taken_for_a_run(run_command, tmp_path):
     (tmp_path / "runs" / ".arriving-1").mkdir(parents=True)
     write_run(tmp_path / "runs" / ".arriving-1", document())
-    assert "complete" not in run_command("history").out
+    assert "complete" not in run_command("list", "runs").out

@@ -43,7 +43,7 @@ INSTANTS = [
 @pytest.mark.parametrize(("name", "sending", "number"), INSTANTS)
 def test_an_interruption_ends_a_command_while_this_is_imported(name, sending, number):
     program = PROGRAM.replace("SENDING", sending).replace("NAME", repr(name)).replace("NUMBER", str(int(number)))
-    words = [sys.executable, "-c", program, "list"]
+    words = [sys.executable, "-c", program, "list", "tasks"]
     done = subprocess.run(words, env=environment_of(), capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (130, "")
     assert "Traceback" not in done.stderr

@@ -19,27 +19,30 @@ def printed(run_command):
     return run
 
 
-def test_the_list_has_tasks_policies_and_suites(printed):
-    code, found = printed("list")
+@pytest.mark.parametrize(
+    ("what", "key", "name"),
+    [
+        ("simulators", "simulator", "pybullet"),
+        ("tasks", "task", "robosuite/Lift"),
+        ("policies", "policy", "oracle"),
+        ("suites", "suite", "tabletop"),
+    ],
+)
+def test_names_are_listed(printed, what, key, name):
+    code, found = printed("list", what)
     assert code == 0
-    (lift,) = [row for row in found["tasks"] if row["task"] == "robosuite/Lift"]
-    assert lift.keys() == {"task", "instruction", "horizon", "simulator", "installed"}
-    assert "oracle" in [row["policy"] for row in found["policies"]]
-    assert "tabletop" in [row["suite"] for row in found["suites"]]
+    assert found.keys() == {what}
+    (row,) = [row for row in found[what] if row[key] == name]
+    if what == "tasks":
+        assert row.keys() == {"task", "instruction", "horizon", "simulator", "installed"}
 
 
 def test_a_pattern_lists_its_tasks_alone(printed, run_command):
-    _, found = printed("list", "--task", "pybullet/Panda*")
+    _, found = printed("list", "tasks", "pybullet/Panda*")
     assert found.keys() == {"tasks"}
     assert {row["task"].partition("/")[0] for row in found["tasks"]} == {"pybullet"}
-    assert "no task matches 'pybulet/*'" in run_command("list", "--task", "pybulet/*").refusal
-    assert "no task matches 'libero'; did you mean 'libero/*'?" in run_command("list", "--task", "libero").refusal
-
-
-@pytest.mark.parametrize("what", ["simulators", "tasks", "policies", "suites"])
-def test_one_kind_of_name_is_listed_alone(printed, what):
-    _, found = printed("list", what)
-    assert found.keys() == {what}
+    assert "no task matches 'pybulet/*'" in run_command("list", "tasks", "pybulet/*").refusal
+    assert "no task matches 'libero'; did you mean 'libero/*'?" in run_command("list", "tasks", "libero").refusal
 
 
 def test_the_episodes_of_a_run_are_listed_by_their_names(printed, run_command, runs):  # noqa: F811
@@ -76,9 +79,9 @@ def test_a_validation_has_the_mistakes_of_each_file(printed, suite, tmp_path):  
 
 
 def test_a_history_has_runs_or_the_results_of_a_policy(printed, runs):  # noqa: F811
-    _, found = printed("history")
+    _, found = printed("list", "runs")
     assert (found[0]["folder"].rpartition("/")[2], found[0]["status"]) == ("half", "interrupted")
-    _, found = printed("history", "p", "--suite", "synthetic")
+    _, found = printed("list", "runs", "p", "--suite", "synthetic")
     assert found[0]["counts"]["successes"] > 0
 
 

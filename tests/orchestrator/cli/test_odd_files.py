@@ -29,7 +29,7 @@ def runs(tmp_path, make_odd):
 
 @pytest.mark.usefixtures("runs")
 def test_a_list_of_runs_passes_it_over(run_command):
-    for typed in ("history", "compare --all synthetic", "compare --gate runs/tuesday"):
+    for typed in ("list runs", "compare --all synthetic", "compare --gate runs/tuesday"):
         with deadline(DEADLINE_S):
             done = run_command(*typed.split())
         assert done.code == (typed.startswith("compare --gate")), done.err

@@ -1,4 +1,4 @@
-"""`robogauntlet policies new` and `robogauntlet policies check`."""
+"""`robogauntlet new policy` and `robogauntlet check policy`."""
 
 import json
 import sys
@@ -26,8 +26,8 @@ def imports(monkeypatch, tmp_path):
 
 
 def test_a_new_policy_passes_its_own_tests(tmp_path):  # its check and its suite: tests/test_policy_tutorial.py
-    created = run_gauntlet("policies", "new", "my_policy", cwd=tmp_path)
-    assert "robogauntlet policies check python:my_policy:MyPolicy" in created.stdout, created.stderr
+    created = run_gauntlet("new", "policy", "my_policy", cwd=tmp_path)
+    assert "robogauntlet check policy python:my_policy:MyPolicy" in created.stdout, created.stderr
     tested = run_process([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"], tmp_path / "my_policy")
     assert tested.returncode == 0, tested.stdout
     assert "3 passed" in tested.stdout
@@ -35,28 +35,28 @@ def test_a_new_policy_passes_its_own_tests(tmp_path):  # its check and its suite
 
 @pytest.mark.parametrize("name", ["MyPolicy", "my-policy", "my policy", "_x", "1x", "a" * 41, "../up"])
 def test_a_name_that_is_no_module_is_refused_and_nothing_is_written(run_command, tmp_path, name):
-    assert f"such as my_policy; got '{name}'" in run_command("policies", "new", "--", name).refusal
+    assert f"such as my_policy; got '{name}'" in run_command("new", "policy", "--", name).refusal
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["random", "numpy", "import"])
 def test_the_name_of_another_module_is_refused(run_command, tmp_path, name):
-    assert f"a Python module '{name}' exists already" in run_command("policies", "new", name).refusal
+    assert f"a Python module '{name}' exists already" in run_command("new", "policy", name).refusal
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_exists_or_cannot_be_written_is_one_line(run_command, tmp_path):
     (tmp_path / "mine").mkdir()
-    assert run_command("policies", "new", "mine").refusal == "mine exists; give another folder with --out"
+    assert run_command("new", "policy", "mine").refusal == "mine exists; give another folder with --out"
     with full_disk():
-        assert "cannot be written: File too large" in run_command("policies", "new", "other").refusal
+        assert "cannot be written: File too large" in run_command("new", "policy", "other").refusal
     assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.usefixtures("imports")
 def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp_path):
     (tmp_path / "checked_broken.py").write_text(FUNCTION.format("np.nan"))
-    done = run_command("policies", "check", "python:checked_broken:act", *NULL)
+    done = run_command("check", "policy", "python:checked_broken:act", *NULL)
     assert done.code == 1
     assert "FAILED   answer       act: expected finite actions, got nan" in done.out
     assert not (tmp_path / "runs").exists(), "no picture without an episode"
@@ -64,7 +64,7 @@ def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp
         "    return", "    print('seen')\n    return"
     )
     (tmp_path / "checked_moving.py").write_text(moving)
-    done = run_command("policies", "check", "python:checked_moving:act", *NULL, "--json", "--picture", "out/seen.png")
+    done = run_command("check", "policy", "python:checked_moving:act", *NULL, "--json", "--picture", "out/seen.png")
     document = json.loads(done.out)
     assert done.code == 0
     assert {"translation", "dx", "gripper", "input", "state", "latency"} <= {f["topic"] for f in document["findings"]}
@@ -90,5 +90,5 @@ def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp
 def test_a_policy_that_cannot_be_checked_is_one_line(run_command, tmp_path, arguments, message):
     (tmp_path / "checked_brains.py").write_text("class Silent:\n    pass\n\ndef other(observation):\n    pass\n")
     task = [] if "--task" in arguments else NULL
-    assert message in run_command("policies", "check", *arguments, *task).refusal
+    assert message in run_command("check", "policy", *arguments, *task).refusal
     assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["checked_brains.py"]

@@ -70,8 +70,8 @@ def own(monkeypatch):
 
 @pytest.mark.usefixtures("own")
 def test_a_run_of_another_command_names_it(run_command, folder):
-    write_run(folder, read_run(folder).model_copy(update={"command": "robogauntlet bisect --good a"}))
-    assert "continue it with: robogauntlet bisect --good a" in run_command("resume", folder).refusal
+    write_run(folder, read_run(folder).model_copy(update={"command": "robogauntlet search checkpoint --good a"}))
+    assert "continue it with: robogauntlet search checkpoint --good a" in run_command("resume", folder).refusal
     write_run(folder, read_run(folder).model_copy(update={"command": None}))
     assert "it was begun from Python" in run_command("resume", folder).refusal
 

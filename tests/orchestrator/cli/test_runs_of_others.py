@@ -112,11 +112,11 @@ def test_an_import_never_takes_the_place_of_a_run(run_command, tmp_path):
     (tmp_path / "runs").mkdir()
     shutil.move(folder, tmp_path / "runs" / "monday")
     run_folder(tmp_path / "runs" / "monday", read_run(tmp_path / "runs" / "monday"), [])
-    before = run_command("history").out
+    before = run_command("list", "runs").out
     line = run_command("import", tmp_path / "run.zip").refusal
     assert line.endswith(f"is in the history already, in {tmp_path}/runs/monday; nothing is imported")
     assert not (tmp_path / IMPORTED).exists()
-    assert run_command("history").out == before
+    assert run_command("list", "runs").out == before
 
 
 def test_an_import_from_the_future_is_refused(run_command, tmp_path):
@@ -179,5 +179,5 @@ def test_rows_of_others_do_not_become_ones_own_where_their_run_is_continued(run_
     again = run_command("run", suite, "--out", "runs/theirs", "--no-media")
     assert again.code == 0
     assert "you did not begin this run in this folder" in again.err
-    assert "complete, imported" in run_command("history").out
+    assert "complete, imported" in run_command("list", "runs").out
     assert "is no baseline" in run_command("compare", "--accept", "theirs").refusal

@@ -35,7 +35,7 @@ def test_run_plays_checks_and_records_a_run(run_command, write):
     result = run_command("schedule", "run", "nightly")
     assert result.code == 0, result.err
     assert "nightly: 100 % [57, 100], 5 episodes; the first of its suite" in result.out
-    assert "nulls" in run_command("history").out
+    assert "nulls" in run_command("list", "runs").out
 
 
 @pytest.mark.parametrize(("is_good", "code"), [(True, 0), (False, 1)])
@@ -98,5 +98,5 @@ def test_systemd_gets_a_service_and_a_timer(run_command, write, tmp_path):
 def test_systemd_gets_services_for_the_schedule_server_and_the_dashboard(run_command, write, tmp_path):
     text = run_command("schedule", "print", "service").out
     served = f"schedule serve {tmp_path}/schedules.yaml"
-    assert re.findall("ExecStart=.*/robogauntlet (.*)", text) == [served, "serve"]
+    assert re.findall("ExecStart=.*/robogauntlet (.*)", text) == [served, "serve dashboard"]
     assert text.count(f"WorkingDirectory={tmp_path}\n") == text.count("Restart=on-failure\n") == 2

@@ -1,4 +1,4 @@
-"""`robogauntlet policies serve`, and runs of suites with its policies."""
+"""`robogauntlet serve policy`, and runs of suites with its policies."""
 
 import os
 import re
@@ -27,7 +27,7 @@ from tests.remote_servers import answering, serving, speaking
 def served(policy):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    process = subprocess.Popen([*GAUNTLET, "policies", "serve", policy, "--port", "0"], env=environment, **pipes)
+    process = subprocess.Popen([*GAUNTLET, "serve", "policy", policy, "--port", "0"], env=environment, **pipes)
     try:
         line = process.stdout.readline()
         found = re.search(r"ws://\S+?:\d+", line)
@@ -88,7 +88,7 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
         (("python:no_such_thing:x",), "expected a module 'no_such_thing'"),
         (("openpi://127.0.0.1:1", "--option", "retries=0"), "no connection"),
     ):
-        assert match in run_command("policies", "serve", *arguments).refusal
+        assert match in run_command("serve", "policy", *arguments).refusal
     taken.close()
 
 

@@ -8,11 +8,22 @@ from importlib.metadata import version
 
 import pytest
 import typer
+from typer.main import get_command
 
-from robogauntlet.orchestrator.cli import VERBS
+from robogauntlet.orchestrator.cli import VERBS, app
 from tests.processes import run_process
 
 HEAVY = ("scipy", "sqlalchemy", "pandas", "numpy", "ray", "torch", "yaml", "rich.table", "robogauntlet.suites")
+MOST_VERBS, MOST_LEAVES = 20, 40
+
+
+def functions(verbs, above=""):
+    """Each verb that is a function, or an application of its own: its address and its help."""
+    for name, (below, line) in verbs.items():
+        yield from [(above + name, below, line)] if isinstance(below, str) else functions(below, f"{above}{name} ")
+
+
+FUNCTIONS = [*functions(VERBS)]
 
 
 def run_main(*arguments, **variables):
@@ -21,12 +32,11 @@ def run_main(*arguments, **variables):
 
 
 def test_help_imports_no_verb_and_no_heavy_library():
+    verbs = [f"robogauntlet.orchestrator.cli{address.partition(':')[0]}" for _, address, _ in FUNCTIONS]
     code = (
         "import sys; sys.argv = ['robogauntlet', '--help']\nfrom robogauntlet.orchestrator.cli import main\n"
         "try: main()\nexcept SystemExit: pass\n"
-        f"verbs = {[address.partition(':')[0] for address, _ in VERBS.values()]}\n"
-        f"names = [f'robogauntlet.orchestrator.cli.{{verb}}' for verb in verbs] + list({HEAVY})\n"
-        "print([name for name in names if name in sys.modules])"
+        f"print([name for name in {[*verbs, *HEAVY]} if name in sys.modules])"
     )
     assert run_process([sys.executable, "-c", code]).stdout.splitlines()[-1] == "[]"
 
@@ -77,10 +87,22 @@ def test_verbs_are_completed():
     assert run_main(**variables).stdout.split() == ["validate"]
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_the_list_of_verbs_describes_a_verb_as_its_own_help_does(verb):
-    address, line = VERBS[verb]
+@pytest.mark.parametrize(("verb", "address", "line"), FUNCTIONS)
+def test_the_list_of_verbs_describes_a_verb_as_its_own_help_does(verb, address, line):
     module, _, name = address.partition(":")
-    function = getattr(import_module(f"robogauntlet.orchestrator.cli.{module}"), name)
+    function = getattr(import_module(f"robogauntlet.orchestrator.cli{module}"), name)
     if not isinstance(function, typer.Typer):  # the help of a group is taken from the list
-        assert inspect.getdoc(function).splitlines()[0] == line
+        assert inspect.getdoc(function).splitlines()[0] == line, verb
+
+
+def test_there_are_few_verbs():
+    group = get_command(app)
+    assert len(VERBS) <= MOST_VERBS
+    assert len([leaf for name in VERBS for leaf in leaves(group.get_command(None, name))]) <= MOST_LEAVES
+
+
+def leaves(command):
+    """The verbs of a group, and of groups in it; else the verb itself."""
+    if not hasattr(command, "commands"):
+        return [command]
+    return [leaf for name in command.commands for leaf in leaves(command.get_command(None, name))]

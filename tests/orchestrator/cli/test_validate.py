@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from robogauntlet.orchestrator.cli.doctor import LISTENS
-from robogauntlet.orchestrator.cli.policies.serve import serve as policy_server
-from robogauntlet.orchestrator.cli.serve import serve as dashboard
+from robogauntlet.orchestrator.cli.check.installation import LISTENS
+from robogauntlet.orchestrator.cli.serve.dashboard import serve as dashboard
+from robogauntlet.orchestrator.cli.serve.policy import serve as policy_server
 from robogauntlet.orchestrator.registry import SHIPPED
 from robogauntlet.orchestrator.runs.plan import make_plan
 from tests.processes import run_gauntlet, run_process
@@ -108,14 +108,16 @@ def test_a_policy_server_that_does_not_answer_is_a_note(tmp_path, verb):
 
 
 def test_the_doctor_fails_where_no_simulator_is_installed():
-    done = run_without_simulators("doctor")
+    done = run_without_simulators("check", "installation")
     assert done.returncode == 1
     assert "note: maniskill: not installed" in done.stdout
     assert "robogauntlet: no simulator is installed; install one: pip install" in done.stderr
-    assert "listens: robogauntlet serve: 127.0.0.1, port 8770; elsewhere by --host, with a token" in done.stdout
+    assert (
+        "listens: robogauntlet serve dashboard: 127.0.0.1, port 8770; elsewhere by --host, with a token" in done.stdout
+    )
 
 
-@pytest.mark.parametrize(("verb", "serve"), [("serve", dashboard), ("policies serve", policy_server)])
+@pytest.mark.parametrize(("verb", "serve"), [("serve dashboard", dashboard), ("serve policy", policy_server)])
 def test_the_doctor_lists_the_ports_of_the_commands(verb, serve):
     assert f"port {inspect.signature(serve).parameters['port'].default};" in LISTENS[f"robogauntlet {verb}"]
 

@@ -8,7 +8,7 @@ import time
 import httpx2
 import pytest
 
-from robogauntlet.orchestrator.cli.serve import listen
+from robogauntlet.orchestrator.cli.serve.dashboard import listen
 from robogauntlet.orchestrator.dashboard.app import create_app, server_of
 from robogauntlet.orchestrator.dashboard.app_state import Settings
 from robogauntlet.orchestrator.schedules.store import ScheduleStore

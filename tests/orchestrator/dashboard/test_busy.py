@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from robogauntlet.orchestrator.cli.serve import SWITCH_S, listen
+from robogauntlet.orchestrator.cli.serve.dashboard import SWITCH_S, listen
 from robogauntlet.orchestrator.dashboard import app_state, compare
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.database import file_url
@@ -87,7 +87,7 @@ def test_threads_that_compute_leave_the_interpreter_to_requests_soon(tmp_path):
     code = "import sys, uvicorn; uvicorn.Server.run = lambda *_, **__: print('interval', sys.getswitchinterval())\n"
     code += "from robogauntlet.orchestrator.cli import main; main()"
     history = file_url(tmp_path / "history.sqlite")
-    done = run_process([sys.executable, "-c", code, "serve", "--port", "0", "--history", history])
+    done = run_process([sys.executable, "-c", code, "serve", "dashboard", "--port", "0", "--history", history])
     assert f"interval {SWITCH_S}" in done.stdout
     assert sys.getswitchinterval() > 2 * SWITCH_S
 
@@ -97,7 +97,17 @@ def test_a_signal_ends_the_dashboard_while_a_slow_answer_is_computed(tmp_path):
     code = "import time\nfrom robogauntlet.orchestrator.dashboard import compare\n"
     code += "def slow(*_):\n    print('computing', flush=True)\n    time.sleep(120)\n"
     code += "compare.open_entry = slow\nfrom robogauntlet.orchestrator.cli import main\nmain()"
-    command = [sys.executable, "-c", code, "serve", "--port", "0", "--history", file_url(tmp_path / "history.sqlite")]
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "serve",
+        "dashboard",
+        "--port",
+        "0",
+        "--history",
+        file_url(tmp_path / "history.sqlite"),
+    ]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, env=environment_of(), **pipes) as server:
         try:

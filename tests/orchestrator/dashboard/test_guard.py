@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import httpx2
 import pytest
 
-from robogauntlet.orchestrator.cli.serve import public_address
+from robogauntlet.orchestrator.cli.serve.dashboard import public_address
 from robogauntlet.orchestrator.dashboard.files import known_file
 from robogauntlet.orchestrator.dashboard.security import COOKIE, cookie_of
 from robogauntlet.results.report import write_report
@@ -21,7 +21,7 @@ from tests.orchestrator.dashboard.filled import nightly_run
 from tests.processes import GAUNTLET
 
 TOKEN = "correct-horse-battery-staple"
-SERVE = [*GAUNTLET, "serve"]
+SERVE = [*GAUNTLET, "serve", "dashboard"]
 
 
 @pytest.fixture(scope="module")
@@ -229,14 +229,14 @@ def test_a_token_that_does_not_protect_is_refused(run_command, monkeypatch, tmp_
     if token is not None:
         monkeypatch.setenv("ROBOGAUNTLET_TOKEN", token)
     history = f"sqlite:///{tmp_path}/runs/history.sqlite"
-    assert words in run_command("serve", "--port", "0", "--history", history, *arguments).refusal
+    assert words in run_command("serve", "dashboard", "--port", "0", "--history", history, *arguments).refusal
     assert not (tmp_path / "runs").exists()
 
 
 def test_a_port_in_use_is_one_line(run_command, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        done = run_command("serve", "--port", port, "--history", f"sqlite:///{tmp_path}/history.sqlite")
+        done = run_command("serve", "dashboard", "--port", port, "--history", f"sqlite:///{tmp_path}/history.sqlite")
     assert f"127.0.0.1:{port}: cannot listen: Address already in use" in done.refusal
 
 
@@ -253,5 +253,5 @@ def test_the_command_serves_until_it_is_interrupted(tmp_path):
 
 def test_a_file_that_is_no_store_is_one_line(run_command, tmp_path):
     (tmp_path / "history.sqlite").write_text("this text is no store, whatever the name of its file\n" * 99)
-    done = run_command("serve", "--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite")
+    done = run_command("serve", "dashboard", "--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite")
     assert "expected a store" in done.refusal

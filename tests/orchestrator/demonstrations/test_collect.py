@@ -205,12 +205,12 @@ class TestWithRay:
     ],
 )
 def test_bad_input_is_one_line_with_exit_code_2(run_command, arguments, expected):
-    assert run_command("policies", "demonstrate", *arguments, "--out", "out").refusal.startswith(expected)
+    assert run_command("new", "demonstrations", *arguments, "--out", "out").refusal.startswith(expected)
 
 
 @pytest.mark.ray
 def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
-    command = ["policies", "demonstrate", "null/Slow", "--episodes", "400", "--out", "out", "--image-size", "16"]
+    command = ["new", "demonstrations", "null/Slow", "--episodes", "400", "--out", "out", "--image-size", "16"]
     options = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(ROOT / "src")}, "start_new_session": True}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     process = subprocess.Popen([*GAUNTLET, *command], **options, **pipes)

@@ -204,7 +204,7 @@ class TestTheCommand:
         config = tmp_path / "config.yaml"
         config.write_text("environments:\n  frist: {requirements: [x]}\n")
         monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(config))
-        for verb in (["env", "list"], ["list"], ["plan", "smoke"], ["doctor"]):
+        for verb in (["env", "list"], ["list", "tasks"], ["plan", "smoke"], ["check", "installation"]):
             assert run_command(*verb).refusal == f"{config}:2: unknown simulator 'frist'; did you mean 'first'?"
 
     def test_a_missing_configuration_file_is_one_line(self, simulators, run_command, monkeypatch):

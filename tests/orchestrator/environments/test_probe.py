@@ -64,7 +64,7 @@ def test_a_simulator_that_cannot_render_is_skipped_named_and_shown_in_the_report
 
 
 def test_the_doctor_names_what_is_broken_and_what_works(blind):
-    done = blind("doctor")
+    done = blind("check", "installation")
     assert done.returncode == 1
     assert "robogauntlet: robosuite: SimulatorUnavailable: MuJoCo cannot render" in done.stderr
     assert "TinyRenderer" in done.stdout

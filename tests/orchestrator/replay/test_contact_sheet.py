@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robogauntlet.orchestrator.cli.axes import SHEET
+from robogauntlet.orchestrator.cli.list.axes import SHEET
 from robogauntlet.orchestrator.replay.contact_sheet import (
     HEADING_HEIGHT,
     LABEL_WIDTH,
@@ -58,25 +58,25 @@ def test_images_differ_more_with_each_severity():
 
 @pytest.mark.simulator
 def test_a_sheet_is_written_by_one_command(run_command, tmp_path):
-    options = ["--out", "orbit.png", "--task", "pybullet/PandaReach-v3", "--image-size", "48"]
-    assert run_command("axes", "sheet", "camera-orbit", *options).code == 0
+    options = ["--pictures", "orbit.png", "--task", "pybullet/PandaReach-v3", "--image-size", "48"]
+    assert run_command("list", "axes", "camera-orbit", *options).code == 0
     assert Image.open(tmp_path / "orbit.png").size == (LABEL_WIDTH + 6 * 52, TOP + 104)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["orbit", "--out", "a.png"], "unknown axis 'orbit'; did you mean 'camera-orbit'?"),
-        (["camera-orbit", "--out", "a.jpg"], "expected a file that ends in .png for --out"),
-        (["camera-orbit", "--out", "a.png", "--task", "null/Reach"], "does not let its cameras be adjusted"),
-        (["blur", "--out", "a.png", "--task", "pybullet/PandaRech-v3"], "did you mean 'pybullet/PandaReach-v3'?"),
+        (["orbit", "--pictures", "a.png"], "unknown axis 'orbit'; did you mean 'camera-orbit'?"),
+        (["camera-orbit", "--pictures", "a.jpg"], "expected a file that ends in .png for --pictures"),
+        (["camera-orbit", "--pictures", "a.png", "--task", "null/Reach"], "does not let its cameras be adjusted"),
+        (["blur", "--pictures", "a.png", "--task", "pybullet/PandaRech-v3"], "did you mean 'pybullet/PandaReach-v3'?"),
         (
-            ["dynamics", "--out", "a.png", "--task", "pybullet/PandaReach-v3"],
+            ["dynamics", "--pictures", "a.png", "--task", "pybullet/PandaReach-v3"],
             "axis 'dynamics' is unsupported in pybullet/PandaReach-v3: the arm can move nothing in it",
         ),
-        (["blur", "--out", "a.png", "--task", "null/Reach"], "null/Reach: blur@1: expected blurred images"),
+        (["blur", "--pictures", "a.png", "--task", "null/Reach"], "null/Reach: blur@1: expected blurred images"),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_no_file(run_command, arguments, message, tmp_path):
-    assert message in run_command("axes", "sheet", *arguments).refusal
+    assert message in run_command("list", "axes", *arguments).refusal
     assert not list(tmp_path.iterdir())

@@ -31,7 +31,7 @@ def openpis():
 )
 def test_a_check_asks_for_no_identity(run_command, openpis, tmp_path, options):
     place = ("--task", "null/Reach", "--picture", str(tmp_path / "check.png"))
-    done = run_command("policies", "check", openpis.replace("ws:", "openpi:"), *options.split(), *place)
+    done = run_command("check", "policy", openpis.replace("ws:", "openpi:"), *options.split(), *place)
     assert done.code == 0, done.err
     assert "identity" not in done.out + done.err
 

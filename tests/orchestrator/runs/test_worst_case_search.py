@@ -198,7 +198,7 @@ def test_the_budget_is_shared_by_the_tasks():
 
 
 COMMAND = (
-    *("search", "--policy", "oracle", "--task", "null/Reach", "--budget", BUDGET),
+    *("search", "disturbance", "--policy", "oracle", "--task", "null/Reach", "--budget", BUDGET),
     *("--axis", "action-delay", "--axis", "action-noise"),
 )
 
@@ -230,5 +230,7 @@ def test_an_interrupted_command_says_how_to_continue(run_command, monkeypatch):
     monkeypatch.setattr(worst_case_search, "run_plan", interrupt)
     done = run_command(*COMMAND, "--out", "new")
     assert done.code == 130
-    assert done.err.startswith("robogauntlet: interrupted; continue with: robogauntlet search --policy oracle")
+    assert done.err.startswith(
+        "robogauntlet: interrupted; continue with: robogauntlet search disturbance --policy oracle"
+    )
     assert done.err.rstrip().endswith("--out new")

@@ -1,4 +1,4 @@
-"""`robogauntlet doctor`: check that everything works on this machine."""
+"""`robogauntlet check installation`: check that everything works on this machine."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from robogauntlet.support.private_folder import new_session_folder
 MIN_DISK_GB = 2.0
 LISTENS = {
     "Ray, while something is played": "127.0.0.1, ports that it chooses, with a token",
-    "robogauntlet serve": "127.0.0.1, port 8770; elsewhere by --host, with a token",
-    "robogauntlet policies serve": "127.0.0.1, port 8000; elsewhere by --host, with a token",
+    "robogauntlet serve dashboard": "127.0.0.1, port 8770; elsewhere by --host, with a token",
+    "robogauntlet serve policy": "127.0.0.1, port 8000; elsewhere by --host, with a token",
     "robogauntlet.evaluate of an object": "127.0.0.1, any free port, with a token",
 }
 """What listens for connections, and where; see docs/operating.md."""
 
 
-def doctor(as_json: AsJson = False) -> None:
+def check(as_json: AsJson = False) -> None:
     """Check that the installed simulators open and render on this machine.
 
     Each simulator is opened in a separate process and renders one frame. Exit code 1 if something that is installed

@@ -1,4 +1,4 @@
-"""`robogauntlet policies new`: create the files of a new policy."""
+"""`robogauntlet new policy`: create the files of a new policy."""
 
 from __future__ import annotations
 
@@ -29,5 +29,5 @@ def new(
         print_line(str(path))
     title = TEMPLATE.renamed(TEMPLATE.placeholder.capitalize(), name)
     print_line(f"\ncd {folder}")
-    print_line(f"robogauntlet policies check python:{name}:{title}")
+    print_line(f"robogauntlet check policy python:{name}:{title}")
     print_line(f"robogauntlet run {name}.yaml")

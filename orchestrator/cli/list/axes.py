@@ -1,4 +1,4 @@
-"""`robogauntlet axes`: list perturbation axes and render their severities."""
+"""`robogauntlet list axes`: list perturbation axes and render their severities."""
 
 from __future__ import annotations
 
@@ -22,24 +22,47 @@ from robogauntlet.support.output_file import Output
 
 SHEET = Output("a contact sheet", re.compile(rb"\x89PNG\r\n\x1a\n.{25}.{4}tEXtSoftware\0RoboGauntlet", re.DOTALL))
 
-app = typer.Typer(no_args_is_help=True)
+
+def list_axes(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[AXIS]", help="Only this axis, such as noise, with what it does.")
+    ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(help="PNG file to write: the first images of a task in each simulator at every severity."),
+    ] = None,
+    task: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --pictures: simulator/task. Repeatable. By default the first of each simulator that supports "
+            "the axis."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="With --pictures: seed of the episode that is shown.")] = 0,
+    image_size: Annotated[
+        int, typer.Option(min=16, max=1024, help="With --pictures: height and width of each image (px).")
+    ] = 128,
+) -> None:
+    """List the perturbation axes with their severities, or show or draw one."""
+    if pictures is not None:
+        if name is None:
+            raise BadInput("--pictures: expected the axis to draw, as in robogauntlet list axes noise --pictures FILE")
+        _draw(_find(name), pictures, task, seed, image_size)
+    elif task:
+        raise BadInput("--task: expected with --pictures")
+    elif name is not None:
+        _show(_find(name))
+    else:
+        table = Table("axis", "changes", "unit", box=None, pad_edge=False)
+        for severity in range(1, SEVERITIES + 1):
+            table.add_column(str(severity), justify="right")
+        for axis in AXES.values():
+            table.add_row(axis.name, str(axis.changes), axis.unit, *(f"{level:g}" for level in axis.levels))
+        out.print(table)
 
 
-@app.command("list")
-def list_axes() -> None:
-    """List all axes with their values at every severity."""
-    table = Table("axis", "changes", "unit", box=None, pad_edge=False)
-    for severity in range(1, SEVERITIES + 1):
-        table.add_column(str(severity), justify="right")
-    for axis in AXES.values():
-        table.add_row(axis.name, str(axis.changes), axis.unit, *(f"{level:g}" for level in axis.levels))
-    out.print(table)
-
-
-@app.command()
-def show(name: Annotated[str, typer.Argument(metavar="AXIS", help="Name, such as noise.")]) -> None:
-    """Show one axis: what it changes, its severities and the published values they are aligned with."""
-    axis = _find(name)
+def _show(axis: Axis) -> None:
+    """Print what an axis changes, its severities and the published values they are aligned with."""
     out.print(f"{axis.name}: {axis.summary}", markup=False)
     table = Table("severity", box=None, pad_edge=False)
     table.add_column(axis.unit, justify="right")
@@ -57,24 +80,13 @@ def show(name: Annotated[str, typer.Argument(metavar="AXIS", help="Name, such as
     out.print(f"aligned with: {axis.references}", markup=False)
 
 
-@app.command()
-def sheet(
-    name: Annotated[str, typer.Argument(metavar="AXIS", help="Name, such as noise.")],
-    out_file: Annotated[Path, typer.Option("--out", help="PNG file to write.")],
-    task: Annotated[
-        list[str] | None,
-        typer.Option(help="simulator/task. Repeatable. By default the first of each simulator that supports the axis."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the episode whose first images are shown.")] = 0,
-    image_size: Annotated[int, typer.Option(min=16, max=1024, help="Height and width of each image (px).")] = 128,
-) -> None:
-    """Draw a contact sheet: the first images of a task in each simulator at every severity of an axis."""
+def _draw(axis: Axis, file: Path, task: list[str] | None, seed: int, image_size: int) -> None:
+    """Write a contact sheet: the first images of a task in each simulator at every severity of an axis."""
     from robogauntlet.orchestrator.replay import contact_sheet
 
-    axis = _find(name)
-    if out_file.suffix.lower() != ".png":
-        raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
-    SHEET.check(out_file)
+    if file.suffix.lower() != ".png":
+        raise BadInput(f"expected a file that ends in .png for --pictures, got '{file}'")
+    SHEET.check(file)
     environments = EnvironmentResolver()
     usable = [s for s in simulators.simulators().values() if not s.internal and not environments.missing_reason(s)]
     tasks = task or [first for simulator in usable for first in _supporting_tasks(simulator, axis)[:1]]
@@ -92,8 +104,8 @@ def sheet(
             rows.append((task_name, contact_sheet.render_severities(task_name, axis, view, seed, environments)))
         except AdapterError as error:
             raise BadInput(f"{task_name}: {error}") from None
-    SHEET.write(out_file, contact_sheet.as_png(contact_sheet.draw_contact_sheet(axis, rows)))
-    print_line(str(out_file))
+    SHEET.write(file, contact_sheet.as_png(contact_sheet.draw_contact_sheet(axis, rows)))
+    print_line(str(file))
 
 
 def _supporting_tasks(simulator: Simulator, axis: Axis) -> list[str]:

@@ -1,4 +1,4 @@
-"""`robogauntlet adapters check`: check that an adapter fulfils its contract."""
+"""`robogauntlet check adapter`: check that an adapter fulfils its contract."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`robogauntlet bisect`: find the checkpoint that became worse."""
+"""`robogauntlet search checkpoint`: find the checkpoint that became worse."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from robogauntlet.policies.references import FORMS, option_text, read_options
 from robogauntlet.support.text import counted
 
 
-def bisect(
+def search(
     good: Annotated[str, typer.Option("--good", help=f"The policy before the checkpoints: {FORMS}.")],
     bad: Annotated[str, typer.Option("--bad", help="The policy after them, which is worse.")],
     task: Annotated[
@@ -77,7 +77,7 @@ def bisect(
     settings = {} if success is None else {"success": str(success)}
     texts, options = [good, *(checkpoints or ()), bad], read_options(option or ())
     plan, folder = plan_search(texts, task, seeds, out_folder, options, settings)
-    arguments = ["robogauntlet", "bisect", "--good", good, "--bad", bad, *(checkpoints or ())]
+    arguments = ["robogauntlet", "search", "checkpoint", "--good", good, "--bad", bad, *(checkpoints or ())]
     arguments += [argument for name in task for argument in ("--task", name)]
     arguments += [argument for name, value in options.items() for argument in ("--option", option_text(name, value))]
     arguments += [] if success is None else ["--success", str(success)]

@@ -1,4 +1,4 @@
-"""`robogauntlet policies check`: play short probes of a policy and say what its numbers do."""
+"""`robogauntlet check policy`: play short probes of a policy and say what its numbers do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`robogauntlet search`: find the smallest disturbance that breaks a policy."""
+"""`robogauntlet search disturbance`: find the smallest disturbance that breaks a policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`robogauntlet policies serve`: serve a policy to other processes in openpi's protocol."""
+"""`robogauntlet serve policy`: serve a policy to other processes in openpi's protocol."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""`robogauntlet history`: list runs, or show the success of a policy over its runs."""
+"""`robogauntlet list runs`: list runs, or show the success of a policy over its runs, or forget a run."""
 
 from __future__ import annotations
 
+import contextlib
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +12,8 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_history, out, print_json, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
-from robogauntlet.results.report.formatting import TextTable, count
+from robogauntlet.results.folder_lock import LOCK_FILE
+from robogauntlet.results.report.formatting import TextTable, count, counted
 from robogauntlet.results.report.history_plot import (
     PLOT,
     kind_history_table,
@@ -22,24 +25,47 @@ from robogauntlet.results.report.history_plot import (
     when,
     write_plot,
 )
+from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
+from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.failure_history import kinds_by_run, kinds_in_run
 from robogauntlet.results.store.history_records import RunEntry
+from robogauntlet.results.store.run_history import SHORTEST_ID
 from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.support.errors import BadInput
+from robogauntlet.support.errors import BadInput, describe_os_error
+from robogauntlet.support.files import is_held
 
 
-def history(
+def list_runs(
     policy: Annotated[str | None, typer.Argument(help="Name of a policy; without it, runs are listed.")] = None,
     suite: Annotated[str | None, typer.Option(help="Only runs of this suite.")] = None,
     task: Annotated[str | None, typer.Option(help="Only this task.")] = None,
     limit: Annotated[int, typer.Option(min=1, help="Largest number of runs; the newest are shown.")] = 30,
     file: Annotated[Path | None, typer.Option("--out", help="Plot to write: FILE.svg, or FILE.html.")] = None,
+    forget: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RUN",
+            help=f"Remove this run from the list: the name of its folder, or {SHORTEST_ID} or more characters of its "
+            "id. Its folder stays, and is not listed again; importing or continuing the run lists it.",
+        ),
+    ] = None,
+    delete: Annotated[
+        bool, typer.Option("--delete", help="With --forget: remove its folder and its rows, too.")
+    ] = False,
     as_json: AsJson = False,
     url: HistoryUrl = None,
 ) -> None:
     """List runs, or show the success of a policy over its runs."""
+    if forget is not None:
+        given = {"POLICY": policy, "--suite": suite, "--task": task, "--out": file, "--json": as_json}
+        if unused := next((name for name, value in given.items() if value), None):
+            raise BadInput(f"{unused}: expected without --forget")
+        _forget(forget, url, delete=delete)
+        return
+    if delete:
+        raise BadInput("--delete: expected with --forget RUN")
     if file is not None and policy is None:
-        raise BadInput("--out: expected the name of the policy to plot: robogauntlet history POLICY --out FILE")
+        raise BadInput("--out: expected the name of the policy to plot: robogauntlet list runs POLICY --out FILE")
     if file is not None and file.suffix not in (".svg", ".html"):
         raise BadInput(f"--out: expected a file that ends in .svg or .html, got '{file}'")
     if file is not None:
@@ -93,3 +119,43 @@ def _runs_table(entries: Sequence[RunEntry]) -> TextTable:
         for entry in entries
     )
     return TextTable(header, rows, 5)
+
+
+def _forget(run: str, url: str | None, *, delete: bool) -> None:
+    """Remove a run from the history, and its folder and rows if wanted."""
+    with open_history(url) as history:
+        entry = history.find(Path(run).name)
+        if entry is None:
+            raise BadInput(f"no run '{run}' in the history; see: robogauntlet list runs")
+        here = entry.rows_url is not None and entry.rows_url == without_password(history.url)
+        if here and not delete:
+            raise BadInput(f"{entry.name}: expected --delete, since its rows are in the history's own database")
+        folder = _folder_of(entry)
+        rows = history.forget(entry.run_id, None if delete or folder is None else str(folder))
+    removed = ["the history"]
+    if rows:
+        removed.append(f"{counted(rows, 'row')} in it")
+    if delete and folder is not None:
+        try:
+            shutil.rmtree(folder)
+        except OSError as error:
+            raise BadInput(f"{folder}: forgotten, but it cannot be removed: {describe_os_error(error)}") from None
+        removed.append(f"the folder {folder}")
+    print_line(f"{entry.name}: removed {' and '.join(['from ' + removed[0], *removed[1:]])}")
+    if folder is not None and not delete:
+        print_line(f"its folder stays: {folder}")
+    if entry.rows_url is not None and not here:
+        print_line(f"its rows stay in {entry.rows_url}")
+
+
+def _folder_of(entry: RunEntry) -> Path | None:
+    """The folder of a run that has ended, or None if it is gone. Raises BadInput."""
+    folder = Path(entry.folder) if entry.folder else None
+    if folder is None or not (folder / RUN_FILE).exists():
+        return None
+    if is_held(folder / LOCK_FILE):
+        raise BadInput(f"{folder}: expected a run that has ended, a process is running it; stop it first")
+    with contextlib.suppress(RunError):  # a broken run can be forgotten, too
+        if (found := read_run(folder).run_id) != entry.run_id:
+            raise BadInput(f"{folder}: expected run {entry.run_id}, the folder has run {found}")
+    return folder

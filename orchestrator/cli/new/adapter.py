@@ -1,4 +1,4 @@
-"""`robogauntlet adapters new`: create the package of a new adapter."""
+"""`robogauntlet new adapter`: create the package of a new adapter."""
 
 from __future__ import annotations
 
@@ -30,4 +30,4 @@ def new(
         print_line(str(path))
     print_line(f"\ncd {folder}")
     print_line("pip install --no-deps -e .")
-    print_line(f"robogauntlet adapters check {name}")
+    print_line(f"robogauntlet check adapter {name}")

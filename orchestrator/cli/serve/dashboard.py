@@ -1,4 +1,4 @@
-"""`robogauntlet serve`: serve the dashboard."""
+"""`robogauntlet serve dashboard`: serve the dashboard."""
 
 from __future__ import annotations
 

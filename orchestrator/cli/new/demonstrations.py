@@ -1,4 +1,4 @@
-"""`robogauntlet policies demonstrate`: record demonstrations of the oracles."""
+"""`robogauntlet new demonstrations`: record demonstrations of the oracles."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from robogauntlet.support.durations import format_duration
 from robogauntlet.support.text import counted
 
 
-def demonstrate(
+def new(
     names: Annotated[
         list[str], typer.Argument(metavar="SUITE_OR_TASKS...", help="Suites, tasks, or patterns such as 'pybullet/*'.")
     ],

@@ -1,0 +1,1 @@
+"""`robogauntlet check`: check what is installed, an adapter, or a policy."""

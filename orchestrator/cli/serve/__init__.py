@@ -1,0 +1,1 @@
+"""`robogauntlet serve`: serve the dashboard, or a policy."""
