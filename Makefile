@@ -45,7 +45,7 @@ environments: $(MADE:%=$(ENVIRONMENTS)/.%)
 
 # As a reader of README does: by `env create`, from what `make demo` installs.
 $(ENVIRONMENTS)/.%: $(PLAYING) policies/lerobot/policy.py adapters/libero/__init__.py adapters/libero_plus/__init__.py | drivers
-	ROBOGAUNTLET_ENVIRONMENTS=$(abspath $(ENVIRONMENTS)) $(BIN)/robogauntlet --quiet env create $*
+	PIP_COMPILE=0 ROBOGAUNTLET_ENVIRONMENTS=$(abspath $(ENVIRONMENTS)) $(BIN)/robogauntlet --quiet env create $*
 	@touch $@
 
 $(STAMP): $(PLAYING) studies/pyproject.toml
@@ -116,6 +116,7 @@ fuzz: setup
 chaos: setup
 	@bash scripts/test_tools.sh chaos
 	$(BIN)/python -m tests.chaos
+	$(BIN)/python -m tests.chaos --real --runs 2
 	$(BIN)/python -m tests.chaos --cluster --runs 20
 	$(BIN)/python -m pytest -q --whole --job chaos
 

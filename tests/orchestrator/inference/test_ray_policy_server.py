@@ -176,6 +176,7 @@ def test_policies_compute_where_measured_answers_are_faster(monkeypatch):
 
 
 @pytest.mark.simulator
+@pytest.mark.nightly
 def test_an_expert_served_without_batches_is_bit_identical_to_one_in_a_worker(observer, servers):
     items = [
         (Cell("experts", "experts", task, Protocol(40, 8, View())), range(1))

@@ -1,4 +1,4 @@
-"""A run in the three real simulators with one worker each, and runs with two of which everything dies once."""
+"""A run in the three real simulators, and one with two workers in which everything dies once."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.chaos.suites import NULL, REAL
 from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
-SUITE = REAL.replace("untrained", "random").replace("workers: auto", "workers: 1")
+SUITE = REAL.replace("untrained", "random").replace("workers: auto", "workers: 1").replace("count: 4", "count: 2")
 FAULTS = ("worker killed", "raylet killed", "scheduler killed")
 
 
@@ -21,7 +21,7 @@ def undisturbed(tmp_path_factory, ray_here):
 
 
 def test_a_run_in_three_simulators_is_complete_and_the_oracle_succeeds(undisturbed):
-    assert (undisturbed.document.status, undisturbed.done, undisturbed.document.skipped) == (RunStatus.COMPLETE, 24, {})
+    assert (undisturbed.document.status, undisturbed.done, undisturbed.document.skipped) == (RunStatus.COMPLETE, 12, {})
     statuses = {(row.simulator, row.policy, row.status) for row in rows_of(undisturbed.folder)}
     simulators = ("maniskill", "pybullet", "robosuite")
     assert statuses == {(s, p, r) for s in simulators for p, r in (("oracle", "success"), ("random", "failure"))}
@@ -32,16 +32,8 @@ def test_both_policies_of_a_pair_start_from_the_same_state(undisturbed):
     states: dict[str, set[str]] = {}
     for row in rows_of(undisturbed.folder):
         states.setdefault(row.pair_id, set()).add(row.state_hash)
-    assert len(states) == 12
+    assert len(states) == 6
     assert all(len(hashes) == 1 for hashes in states.values())
-
-
-@pytest.mark.chaos
-def test_the_death_of_worker_ray_and_scheduler_changes_no_row_of_three_simulators(undisturbed, tmp_path):
-    (suite := tmp_path / "suite.yaml").write_text(SUITE.replace("workers: 1", "workers: 2"))
-    disturbed = run_campaign(suite, tmp_path / "disturbed", 0, faults=FAULTS, gap_s=1.0)
-    assert (disturbed.problems, disturbed.starts) == ([], 2)
-    assert disturbed.rows_hash == undisturbed.document.rows_hash
 
 
 @pytest.mark.slow
