@@ -70,7 +70,7 @@ def test_actions_of_act_are_bit_identical_to_lerobots(played, made):
     np.testing.assert_array_equal(answers(played, made, "act"), np.load(made / "act.npy").astype(np.float64))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identical_to_lerobots(python, made):
     policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": python})
     assert policy.spec.chunk_length == CHUNK["diffusion"]
@@ -103,7 +103,7 @@ def test_an_episode_is_the_same_when_replayed_after_its_process_died(played, mad
         played.act([Query(EPISODE, 3, None)])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_weights_that_cannot_be_read_are_one_line(python, made, tmp_path):
     shutil.copytree(made / "act", tmp_path / "broken")
     (tmp_path / "broken" / "model.safetensors").write_bytes(b"none")
