@@ -39,7 +39,7 @@ def test_the_section_about_functions_leads_to_a_table_with_a_policy_that_passes_
 def test_the_section_about_servers_leads_to_a_table_with_numbers_that_mean_what_they_should(tmp_path):
     ports = dict(zip(("8000", "8001"), free_ports(2), strict=True))
     printed = follow("your-policy", "Policy servers", tmp_path, replaced=ports.items())
-    assert "serving untrained" in found(printed, "serve untrained")
+    assert "serving untrained" in found(printed, "serve policy untrained")
     before, after = (text for line, text in printed.items() if "check policy" in line)
     assert re.search(r"warning  translation .* look normalised", before)
     assert re.search(r"ok       translation  up to 0\.00\d+ m per step", after)

@@ -40,6 +40,6 @@ def test_the_tutorial_leads_to_an_adapter_that_passes_and_can_be_run(tmp_path):
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
         printed[line.split()[1]] = done.stdout
     of_tools = [check for check in CHECKS.values() if not check.of_joints]
-    assert f"{len(of_tools)} checks on 1 task in" in printed["adapters"]
-    assert " 0 failed" in printed["adapters"]
+    assert f"{len(of_tools)} checks on 1 task in" in printed["check"]
+    assert " 0 failed" in printed["check"]
     assert re.search(r"desk/Lift\s+100 %", printed["run"]), printed["run"]

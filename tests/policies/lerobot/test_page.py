@@ -18,7 +18,7 @@ FEATURES = {"observation.images.third_person": {"shape": [3, 96, 96]}, "observat
 def test_the_suite_of_the_section_is_valid_where_lerobot_is_not_installed(bare, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     shutil.copytree(bare(input_features=FEATURES), folder / "checkpoints" / "act_push")
-    later = ("robogauntlet env", "robogauntlet policies", "robogauntlet run")
+    later = ("robogauntlet env", "robogauntlet check", "robogauntlet run")
     (printed,) = follow(
         "your-policy", "LeRobot checkpoints", folder, skipped=later, ROBOGAUNTLET_ENVIRONMENTS=os.devnull
     ).values()
