@@ -69,7 +69,7 @@ demo:
 
 # The environments come before the extras of developers, which a reader of README does not have.
 test:
-	@$(MAKE) --no-print-directory --jobs 2 environments tools
+	@$(MAKE) --no-print-directory --jobs 3 environments tools
 	@$(MAKE) --no-print-directory setup
 	@$(MAKE) --no-print-directory --jobs 2 lint pytest || { echo "make test: see above for what failed: style, types or tests"; exit 1; }
 

@@ -3,10 +3,8 @@
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import psutil
 import pytest
 
 from robogauntlet.orchestrator.ray_runtime.private_names import private, replaced
@@ -16,7 +14,7 @@ from robogauntlet.orchestrator.ray_runtime.session import (
     room_for_workers,
     workers_that_fit,
 )
-from tests.processes import GAUNTLET, listening_addresses, run_process, started_by
+from tests.processes import run_process
 
 
 def test_a_ray_without_the_private_names_is_used_by_its_public_ones(monkeypatch):
@@ -58,14 +56,19 @@ def test_the_scarcest_resource_of_a_node_decides_how_many_workers_fit(free, opti
 
 
 SESSION = """
-import json, os, psutil, ray
+import collections, json, os, psutil, ray, time
+from ray._private import utils, worker
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
 from tests.processes import listening_addresses
 
 before = {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 with ray_session(address=None, workers=1):
     token = os.environ["RAY_AUTH_MODE"]
+    actor = ray.remote(collections.Counter).remote()
+    ray.get(actor.total.remote())
     listening = listening_addresses(psutil.Process())
+    utils.publish_error_to_driver("node", "Raylet is terminated", gcs_client=worker.global_worker.gcs_client)
+    time.sleep(2)
 same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 found = {"mode": token, "listening": sorted(listening), "environment as before": same}
 print(json.dumps(found))
@@ -73,15 +76,21 @@ print(json.dumps(found))
 
 
 @pytest.fixture(scope="module")
-def found():
-    """What is seen of a session on this machine."""
-    done = run_process([sys.executable, "-c", SESSION], RAY_AUTH_MODE="disabled")
-    return json.loads(done.stdout.splitlines()[-1])
+def session():
+    """The end of a process that has a session on this machine, in which a worker runs and Ray says that it ends."""
+    return run_process([sys.executable, "-c", SESSION], RAY_AUTH_MODE="disabled")
 
 
 @pytest.mark.ray
-def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(found):
+def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(session):
+    found = json.loads(session.stdout.splitlines()[-1])
     assert (found["mode"], found["listening"], found["environment as before"]) == ("token", ["127.0.0.1"], True)
+
+
+@pytest.mark.ray
+def test_messages_of_ray_about_its_processes_are_not_shown(session):
+    assert len(session.stdout.splitlines()) == 1
+    assert session.stderr == ""
 
 
 FAILING = """
@@ -113,38 +122,3 @@ def test_a_ray_that_does_not_start_is_lost_and_leaves_no_process():
 @pytest.mark.ray
 def test_the_token_of_ray_is_for_its_owner_only(ray_here):
     assert (Path.home() / ".ray" / "auth_token").stat().st_mode & 0o077 == 0
-
-
-@pytest.mark.ray
-def test_a_run_listens_on_loopback_only(tmp_path):
-    (tmp_path / "suite.yaml").write_text(
-        "name: s\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 100}\nworkers: 1\n"
-    )
-    command = psutil.Popen(
-        [*GAUNTLET, "run", "suite.yaml", "--out", "run", "--no-media"], cwd=tmp_path, stdout=subprocess.DEVNULL
-    )
-    try:
-        while not started_by(command, "ray::Worker.play"):
-            assert command.poll() is None
-            time.sleep(0.1)
-        listening = listening_addresses(command)
-    finally:
-        command.terminate()
-        command.wait(60)
-    assert listening == {"127.0.0.1"}
-
-
-MESSAGE = """
-import time, ray
-from ray._private import utils, worker
-from robogauntlet.orchestrator.ray_runtime.session import ray_session
-with ray_session(address=None, workers=1):
-    utils.publish_error_to_driver("node", "Raylet is terminated", gcs_client=worker.global_worker.gcs_client)
-    time.sleep(2)
-"""
-
-
-@pytest.mark.ray
-def test_messages_of_ray_about_its_processes_are_not_shown():
-    done = subprocess.run([sys.executable, "-c", MESSAGE], check=True, capture_output=True, text=True, timeout=120)
-    assert done.stdout + done.stderr == ""
