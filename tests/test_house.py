@@ -49,10 +49,10 @@ BUDGETS = {
     "adapters": 8_690,
     "policies": 6_440,
     "mergevla": 8_540,
-    "results": 13_930,
+    "results": 15_010,
     "suites": 2_906,
     "src/robogauntlet": 1_030,
-    "tests": 47_330,
+    "tests": 47_465,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -1,6 +1,7 @@
-"""The report of a run: `report.html`, `report.md`, `summary.json`, `cells.csv` and `episodes.parquet`."""
+"""Reports of a run, complete or not: tables and a page, for people and for programs."""
 
-from robogauntlet.results.report.summary import Report, ReportPaths, Summary
+from robogauntlet.results.report.section import Report, ReportPaths
+from robogauntlet.results.report.summary import summary_model
 from robogauntlet.results.report.write import write_report
 
-__all__ = ["Report", "ReportPaths", "Summary", "write_report"]
+__all__ = ["Report", "ReportPaths", "summary_model", "write_report"]

@@ -8,13 +8,22 @@ from datetime import UTC, datetime
 from robogauntlet.results.analysis.eligible_episodes import LEAST_SOLVED
 from robogauntlet.results.analysis.failures import OTHER
 from robogauntlet.results.analysis.tables import NotRun, Tables
-from robogauntlet.results.record import is_left_out
+from robogauntlet.results.record import FailureKind, is_left_out
 from robogauntlet.results.report import formatting
-from robogauntlet.results.report.failures import PHRASES
 from robogauntlet.results.run_document import RunDocument, RunStatus
 from robogauntlet.suites.episode import SUCCESS_HOLD, ProtocolName, SuccessRule
 from robogauntlet.support.text import counted, first_of
 
+PHRASES = {
+    FailureKind.UNSAFE: "pressed against something that is not part of the task",
+    FailureKind.NOT_REACHED: "never reached the object or the goal",
+    FailureKind.NOT_GRASPED: "reached the object but never held it",
+    FailureKind.NOT_MOVED: "reached the object but did not move it",
+    FailureKind.DROPPED: "lost the object far from the goal",
+    FailureKind.MISPLACED: "brought the object, or the tool, elsewhere than to the goal, or did not keep it there",
+    FailureKind.TIMED_OUT: "came closer to the object, or to the goal, until time was up",
+}
+"""What the robot did in failures of each kind."""
 DEFINITIONS = {
     "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps (or for a "
     "single one, where the first lines say so) within the horizon; otherwise the episode is a failure. Success once "
@@ -114,22 +123,10 @@ DEFINITIONS = {
     "agreement on axes": "Kendall's tau-b of the total indices in two simulators, with a one-sided p-value.",
     **{str(kind): f"The robot {did}." for kind, did in PHRASES.items()},
     OTHER: "A failure of a task that declares no goal, or of a kind that this version does not know.",
-    "path length": "Of the tool centre point.",
-    "time to success": "Simulated time until the task's predicate began to hold for good.",
-    "smoothness": "Spectral arc length of the tool's speed, without a unit: lower is jerkier.",
-    "progress": "Share of the distance to the goal that was covered at the end; below 0 if the distance grew, at least "
-    "-1.",
-    "contact": "With what is neither the robot itself nor an object of the task: share of control steps, and largest "
-    "force of any episode.",
-    "limits": "Share of control steps within 0.01 rad of a joint limit, and of those with the tool more than 0.2 m "
-    "outside the box of the start positions.",
     "skipped": "The simulator cannot run on this machine; its episodes count as missing.",
 }
 """Definition per term, shown where the term first appears."""
 MERGING_TERMS = ("expert", "oracle-routed", "routed", "loss", "pairs", "retention")
-ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "trend p")
-COMBINATION_TERMS = ("sensitivity index", "failure cluster")
-SHIFT_TERMS = ("lost against", "lost beyond clean")
 PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "median difference", "letters")
 PROTOCOLS = {
     ProtocolName.ROBOGAUNTLET: "robogauntlet: images are upright",
@@ -139,7 +136,6 @@ RULES = {
     SuccessRule.HELD: f"held: the predicate holds for {SUCCESS_HOLD} control steps in a row",
     SuccessRule.ONCE: "once: the predicate holds after a single control step, at which the episode ends",
 }
-BEHAVIOUR_TERMS = ("path length", "time to success", "smoothness", "progress", "contact", "limits")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {

@@ -18,6 +18,8 @@ PHASE_COLOURS = {
     **{"inference": "#009e73", "rest": "#56b4e9", "wait": "#e3e6e8"},
 }
 """Colours of the phases of worker time, those of report.css."""
+HEAT_COLOURS = {"right": "#5f9fcf", "wrong": "#eea47a", "nothing": "#e3e6e8"}
+"""Of full cells of heat maps; light enough for black numbers."""
 MARKERS = ("o", "s", "D", "^", "P", "v")
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 STYLE = {
@@ -29,6 +31,13 @@ STYLE = {
 }
 """Sizes for print, embedded TrueType fonts, equal bytes for equal numbers, and no formulae in names."""
 GRID: dict[str, Any] = {"color": "#d5dadd", "linewidth": 0.5, "zorder": 0}
+
+
+def mixed(colour: str, share: float) -> tuple[float, ...]:
+    """Return the colour (hexadecimal) mixed with white, `share` from 0 to 1 of it, as red, green and blue."""
+    from matplotlib.colors import to_rgb
+
+    return tuple(1 - share * (1 - part) for part in to_rgb(colour))
 
 
 def new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:

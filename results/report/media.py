@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from robogauntlet.results.media_paths import SHARED_BY, is_own_file, picture_path, snapshot_path, videos_folder
 from robogauntlet.results.record import Status, outcome_text
 from robogauntlet.results.report.parquet import read_frame
-from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import RunDocument
+from robogauntlet.results.store.episodes_parquet import EPISODES_FILE
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
 from robogauntlet.support.files import read_regular
 
@@ -126,7 +126,7 @@ def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budg
 
 def _with_video(folder: Path, frame: pd.DataFrame, recorded: Collection[str]) -> pd.DataFrame:
     """The rows that the videos of these episodes show, with the id of the recorded episode as `video`."""
-    path, columns = ReportPaths.in_folder(folder).episodes, ("episode_id", *SHARED_BY)
+    path, columns = folder / EPISODES_FILE, ("episode_id", *SHARED_BY)
     videos = read_frame(path, columns, where=("episode_id", recorded)).drop_duplicates(SHARED_BY)
     rows = read_frame(path, (*columns, "failure"), where=("pair_id", videos["pair_id"]))
     shown = rows.merge(videos.rename(columns={"episode_id": "video"}), on=list(SHARED_BY))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from robogauntlet.results.analysis.leaderboard import MOST_POLICIES
 from robogauntlet.results.analysis.pairwise import ALL_PAIRS, Line, PairwiseComparison, PairwiseComparisons
@@ -75,6 +75,8 @@ class Forest:
     margin: float | None
     """Position of the non-inferiority margin."""
     groups: tuple[ForestGroup, ...]
+    about: str = ""
+    """The policies of a plot of two."""
 
 
 def names(one: PairwiseComparison) -> tuple[str, str]:
@@ -290,7 +292,7 @@ def task_forest(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Fo
     groups = {simulator: [(n, line) for of, n, line in lines if of == simulator] for simulator, _, _ in lines}
     first, second = names(one)
     note = f"Right of 0, {first} succeeds more often; left of 0, {second}."
-    return _forest(title(one), note, groups, comparisons)
+    return replace(_forest(title(one), note, groups, comparisons), about=title(one))
 
 
 def overview_forest(comparisons: PairwiseComparisons) -> Forest:

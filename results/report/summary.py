@@ -1,29 +1,20 @@
-"""The contents of a report, and its files for programs: `summary.json` and `cells.csv`."""
+"""The files of a report for programs: `summary.json` and `cells.csv`."""
 
 from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
+from functools import cache
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from robogauntlet.results.analysis.behaviour import BehaviourRow
-from robogauntlet.results.analysis.combinations import Combinations
-from robogauntlet.results.analysis.failures import Failures
-from robogauntlet.results.analysis.merging_cost import Merging
-from robogauntlet.results.analysis.pairwise import PairwiseComparisons
-from robogauntlet.results.analysis.robots import RobotRow, compare_robots
-from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
 from robogauntlet.results.analysis.timing import AnswerTiming, PhaseTiming
-from robogauntlet.results.report.findings import findings
 from robogauntlet.results.report.formatting import spreadsheet_cell
-from robogauntlet.results.run_document import Provenance, RunDocument, RunStatus
+from robogauntlet.results.report.section import Report, load_sections
+from robogauntlet.results.run_document import Provenance, RunStatus
 from robogauntlet.results.statistics.rates import CONFIDENCE
-from robogauntlet.results.store.episodes_parquet import EPISODES_FILE
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import SuccessRule
 
@@ -42,61 +33,8 @@ CSV_HEADER = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ReportPaths:
-    """The files of a report, in the run folder."""
-
-    html: Path
-    """The page with images and videos inside."""
-    markdown: Path
-    """The same numbers as text."""
-    summary: Path
-    """The same numbers for programs: `Summary` as JSON."""
-    episodes: Path
-    """All rows, Parquet."""
-    cells: Path
-    """A line per policy, task and condition, CSV."""
-
-    @classmethod
-    def in_folder(cls, folder: Path) -> ReportPaths:
-        """Return the paths of the report of a run folder."""
-        names = ("report.html", "report.md", "summary.json", EPISODES_FILE, "cells.csv")
-        return cls(*(folder / name for name in names))
-
-
-@dataclass(frozen=True)
-class Report:
-    """The contents of all files of a report."""
-
-    paths: ReportPaths
-    document: RunDocument
-    tables: Tables
-    merging: Merging | None
-    """Success lost by merging and routing, if the suite asks for it."""
-    robustness: Robustness | None
-    """Results under perturbations, if there are any."""
-    pairwise: PairwiseComparisons | None = None
-    """The policies compared with each other, if there are several."""
-    combinations: Combinations | None = None
-    """Results under combinations of axes, if there are any."""
-    failures: Failures | None = None
-    """Kinds of failures, if any is known."""
-    behaviour: tuple[BehaviourRow, ...] | None = None
-    """How robots move in clean episodes, if it was measured."""
-
-    @cached_property
-    def robots(self) -> tuple[RobotRow, ...]:
-        """Success by robot in tasks that several play."""
-        return compare_robots(self.document.robots, self.tables)
-
-    @cached_property
-    def findings(self) -> tuple[str, ...]:
-        """Sentences derived from the tests of `robustness`."""
-        return findings(self.robustness) if self.robustness else ()
-
-
 class Summary(BaseModel):
-    """The content of `summary.json`. A `format` only gains fields. Rates are shares in [0, 1]."""
+    """What `summary.json` has of every run. A `format` only gains fields. Rates are shares in [0, 1]."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="strings")
 
@@ -146,28 +84,22 @@ class Summary(BaseModel):
     policy_digests: dict[str, str]
     """Policy to the hash of its content."""
     provenance: Provenance
-    merging: Merging | None = None
-    """Success lost by merging and routing, if the suite asks for it."""
-    robustness: Robustness | None = None
-    """Results under perturbations, if there are any. Severities beyond the last level are "Infinity"."""
-    pairwise: PairwiseComparisons | None = None
-    """The policies compared with each other on clean episodes, if there are several."""
-    combinations: Combinations | None = None
-    """Which axes matter and where failures gather, if axes were combined. An infinite lift is "Infinity"."""
-    failures: Failures | None = None
-    """Kinds of failures, if any is known."""
-    behaviour: tuple[BehaviourRow, ...] | None = None
-    """How robots move in clean episodes, if it was measured."""
-    robots: tuple[RobotRow, ...] = ()
-    """Success by robot in tasks that several play."""
-    findings: tuple[str, ...] = ()
-    """Sentences derived from the tests of `robustness`."""
+
+
+@cache
+def summary_model() -> type[Summary]:
+    """Return the type of the content of `summary.json` with the data of all sections, of other distributions too.
+
+    A section that a run has nothing for is null. Severities beyond the last level and infinite lifts are "Infinity".
+    """
+    fields: dict[str, Any] = {one.name: (one.type | None, None) for one in load_sections() if one.type is not None}
+    return create_model("Summary", __base__=Summary, **fields)
 
 
 def build_summary(report: Report) -> Summary:
     """Return the summary of a report."""
-    document, tables = report.document, report.tables
-    return Summary(
+    document, tables, model = report.document, report.tables, summary_model()
+    return model(
         **{name: getattr(document, name) for name in COPIED},
         suite_name=document.suite.name,
         success_rule=document.suite.success_rule,
@@ -183,14 +115,7 @@ def build_summary(report: Report) -> Summary:
         errors=tables.errors[:ERROR_GROUPS],
         error_messages=len(tables.errors),
         policy_digests={cell.policy: cell.policy_digest for cell in tables.cells},
-        merging=report.merging,
-        robots=report.robots,
-        robustness=report.robustness,
-        pairwise=report.pairwise,
-        combinations=report.combinations,
-        failures=report.failures,
-        behaviour=report.behaviour,
-        findings=report.findings,
+        **{name: value for name, value in report.data.items() if name in model.model_fields},
     )
 
 

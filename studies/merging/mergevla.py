@@ -4,9 +4,9 @@ import tempfile
 from pathlib import Path
 
 from robogauntlet.results.analysis import merging_cost
+from robogauntlet.results.report import ReportPaths
 from robogauntlet.results.report.merging_cost import comparison_table, overall_table
 from robogauntlet.results.report.parquet import read_frame
-from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import read_run
 from studies.shared import run_suite, table_of
 from studies.tables import write_episodes

@@ -49,6 +49,6 @@ def test_a_correctly_routed_episode_is_played_like_the_oracle_routed_one(rows):
 
 
 def test_the_report_compares_experts_with_oracle_routed_and_routed_models(outcome):
-    merging = outcome.report.merging
+    merging = outcome.report.data["merging"]
     assert merging is not None
     assert "Merging and routing" in (outcome.folder / "report.html").read_text()

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from robogauntlet.results.analysis.behaviour import COLUMNS, MOST_ROWS, Spread, build_behaviour
+from robogauntlet.results.report.sections.behaviour import COLUMNS, MOST_ROWS, Spread, build_behaviour
 from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, columns_of, document, row, rows, rows_where, with_behaviour
 

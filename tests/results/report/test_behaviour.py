@@ -1,7 +1,7 @@
 """Tables of how robots move."""
 
-from robogauntlet.results.analysis.behaviour import COLUMNS, build_behaviour
-from robogauntlet.results.report import behaviour
+from robogauntlet.results.report.sections import behaviour
+from robogauntlet.results.report.sections.behaviour import COLUMNS, build_behaviour
 from tests.results.synthetic import cells, columns_of, document, row
 
 PLAN = cells(("a", "b"), ("maniskill/A",))

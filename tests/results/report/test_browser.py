@@ -41,7 +41,7 @@ JUMP = """
   const box = (e) => e.getBoundingClientRect();
   const places = [];
   page.body.append(Object.assign(page.createElement("div"), { style: "height: 900px" }));
-  for (const link of page.querySelectorAll(".contents a:not(.sub), .axes a")) {
+  for (const link of page.querySelectorAll(".contents a:not(.sub)")) {
     const target = page.getElementById(link.hash.slice(1));
     target.scrollIntoView();
     const bar = box(page.querySelector(".contents"));

@@ -6,8 +6,9 @@ import pytest
 
 from robogauntlet.results.analysis.failures import COLUMNS, OUTCOMES, build_failures
 from robogauntlet.results.record import FailureKind
-from robogauntlet.results.report import Summary, failures, write_report
-from robogauntlet.results.report.failures import PHRASES
+from robogauntlet.results.report import summary_model, write_report
+from robogauntlet.results.report.facts import PHRASES
+from robogauntlet.results.report.sections import failures
 from robogauntlet.suites.episode import Condition
 from tests import ROOT
 from tests.results.synthetic import cells, columns_of, document, rows, rows_where, run_folder, with_behaviour
@@ -57,8 +58,8 @@ def test_a_policy_without_failures_or_kinds_is_said_to_have_none():
         return "dropped" if row.policy == "b" else None
 
     found = failures.sentences(built(plan, lambda cell, seed: cell.policy == "a", of_policy))
-    assert found[0] == "a in maniskill: no failure in 10 episodes."
-    assert found[2] == "c in maniskill: 10 failures, none with a known kind."
+    assert found[-1] == "No failure: a in maniskill (10 episodes)."
+    assert found[1] == "c in maniskill: 10 failures, none with a known kind."
 
 
 def test_the_table_has_numbers_shares_and_intervals():
@@ -75,16 +76,15 @@ def test_many_combinations_are_a_few_bars():
     plan = cells(("a",), ("maniskill/A",), points)
     results = with_behaviour(rows_where(lambda cell, seed: seed, plan, 2))
     found = build_failures(document(2, plan), columns_of(results, COLUMNS))
-    names = [bar.name for bar in failures.bars(found, found.policies[0])]
+    names = [bar.name for bar in failures.outcome_bars(found, found.policies[0]).bars]
     assert names == ["combinations", "noise 1.5 or more", "table 2.5 or more"]
     assert " or more, which has the most failures, in " in failures.sentences(found)[0]
 
 
 def test_a_bar_is_filled_by_all_episodes():
     found = built()
-    for bar in failures.bars(found, found.policies[0]):
+    for bar in failures.outcome_bars(found, found.policies[0]).bars:
         assert sum(segment.width for segment in bar.segments) == pytest.approx(100, abs=0.01)
-        assert sum(segment.episodes for segment in bar.segments) == bar.episodes
     assert [segment.text for segment in bar.segments] == [
         "unsafe: 6 of 20 episodes",
         "not-reached: 14 of 20 episodes",
@@ -101,13 +101,13 @@ def test_the_files_of_a_report_have_the_section_after_the_success_tables(tmp_pat
     results = with_behaviour(rows_where(outcome, PLAN, 10), kind)
     paths = write_report(run_folder(tmp_path / "run", document(10, PLAN), results)).paths
     page, text = paths.html.read_text(), paths.markdown.read_text()
-    assert page.index('id="tasks"') < page.index('id="failures"') < page.index('id="movement"')
-    assert page.index('id="movement"') < page.index('id="robustness"')
+    assert page.index('id="tasks"') < page.index('id="failures"') < page.index('id="behaviour"')
+    assert page.index('id="behaviour"') < page.index('id="robustness"')
     assert text.index("## Success rates") < text.index("## How it fails") < text.index("## How it moves")
     for shown in (page, text):
         assert "in 14 of 21 failures the robot never reached the object or the goal (not-reached)" in shown
         assert "path length (m)" in shown
-    summary = Summary.model_validate_json(paths.summary.read_text())
+    summary = summary_model().model_validate_json(paths.summary.read_text())
     assert summary.failures.policies[0].total.failures == 21
     assert summary.behaviour[0].successes == 9
 

@@ -37,8 +37,8 @@ def routed(tmp_path_factory):
 )
 def test_the_plots_are_written_in_the_format_asked_for(under_noise, tmp_path, form, start):
     written = write_figures(under_noise, tmp_path, form)
-    names = ["success-by-task", "comparison-1-merged-against-expert", "success-by-severity", "heat-map-1-expert"]
-    names += ["heat-map-2-merged", "losses-1-merged", "worker-time"]
+    names = ["success-by-task", "comparison-1-merged-against-expert", "heat-map-1-expert", "heat-map-2-merged"]
+    names += ["losses-1-merged", "success-by-severity", "worker-time"]
     assert [path.name for path in written] == [f"{name}.{form}" for name in names]
     assert all(path.read_bytes().startswith(start) for path in written)
 
@@ -55,9 +55,9 @@ def test_every_plot_of_the_report_is_a_figure(clean, under_noise, routed, tmp_pa
         assert drawn("comparison") == page.count('class="forest versus"')
         assert drawn("success-by-severity") == ('<svg class="severity' in page)
         assert drawn("losses") == page.count('<svg class="losses')
-        assert drawn("confusion") == page.count("true task (rows) and inferred task (columns)<")
+        assert drawn("confusion") == page.count("true task and inferred task, episodes")
         assert drawn("reliability") == page.count('<svg class="reliability')
-        assert drawn("worker-time") == ('class="bar"' in page)
+        assert drawn("worker-time") == ('class="bar phases"' in page)
 
 
 def test_figures_that_the_report_has_no_more_are_removed(clean, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from robogauntlet.results.analysis.comparison import Run
 from robogauntlet.results.analysis.pairwise import COLUMNS, PolicyRows, compare_all, compare_policies
 from robogauntlet.results.api import open_run
-from robogauntlet.results.report import Summary, write_report
+from robogauntlet.results.report import summary_model, write_report
 from robogauntlet.results.report.formatting import TextTable, aligned
 from robogauntlet.results.report.pairwise import (
     FORMATS,
@@ -140,11 +140,11 @@ def report(tmp_path, policies, **changes):
 def test_a_report_of_two_policies_compares_them_in_every_file(tmp_path):
     paths = report(tmp_path, ("a", "b"))
     page = paths.html.read_text()
-    assert '<a href="#comparison">A against B</a>' in page
+    assert '<a href="#pairwise">A against B</a>' in page
     assert "a against b: +16.7 [9.9, 24.0] points, p &lt;0.001, 120 pairs" in page
     assert page.count('class="forest versus"') == 1
     assert "## A against B" in paths.markdown.read_text()
-    (one,) = Summary.model_validate_json(paths.summary.read_text()).pairwise.comparisons
+    (one,) = summary_model().model_validate_json(paths.summary.read_text()).pairwise.comparisons
     assert one.overall.pairs.first_only == 20
 
 
@@ -164,7 +164,7 @@ def test_perturbed_conditions_are_compared_in_every_file_and_format(tmp_path):
     for text in (page, paths.markdown.read_text(), *(FORMATS[form](open_run(folder).compare()) for form in FORMATS)):
         assert sentence in text
         assert "noise@1" in text or '"severity": 1' in text
-    (one,) = Summary.model_validate_json(paths.summary.read_text()).pairwise.comparisons
+    (one,) = summary_model().model_validate_json(paths.summary.read_text()).pairwise.comparisons
     assert [(line.axis, line.severity, line.pairs.first_only) for line in one.conditions] == [
         ("noise", 1, 0),
         ("noise", 3, 40),
@@ -184,7 +184,7 @@ def test_compare_of_a_clean_suite_chooses_the_baseline(tmp_path):
     assert re.findall(r"<summary>(\w against \w): ", page) == ["a against b", "c against b", "d against b"]
     assert "All tasks, against b" in page
     assert "### c against b" in paths.markdown.read_text()
-    assert Summary.model_validate_json(paths.summary.read_text()).pairwise.baseline == "b"
+    assert summary_model().model_validate_json(paths.summary.read_text()).pairwise.baseline == "b"
 
 
 def test_a_report_of_many_policies_has_letters(tmp_path):
@@ -197,4 +197,4 @@ def test_a_report_of_many_policies_has_letters(tmp_path):
 def test_a_report_of_one_policy_compares_nothing(tmp_path):
     paths = report(tmp_path, ("a",))
     assert "A against B" not in paths.html.read_text() + paths.markdown.read_text()
-    assert Summary.model_validate_json(paths.summary.read_text()).pairwise is None
+    assert summary_model().model_validate_json(paths.summary.read_text()).pairwise is None

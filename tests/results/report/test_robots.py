@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from robogauntlet.results.analysis.robots import compare_robots
 from robogauntlet.results.report import write_report
-from robogauntlet.results.report.robots import robot_table
+from robogauntlet.results.report.sections.robots import compare_robots, robot_table
 from robogauntlet.results.statistics.rates import rate_difference
 from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, document, row, run_folder, tables_of

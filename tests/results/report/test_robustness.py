@@ -69,9 +69,9 @@ def test_the_summary_has_the_robustness_section(paths):
 
 
 def test_the_summary_has_the_findings_of_the_report(report):
-    assert report.findings
+    assert report.data["findings"]
     text = report.paths.markdown.read_text().replace("\\", "")
-    assert all(f"- {sentence}" in text for sentence in report.findings)
+    assert all(f"- {sentence}" in text for sentence in report.data["findings"])
 
 
 def test_a_no_skill_baseline_has_no_findings_since_it_has_no_skill_to_lose():

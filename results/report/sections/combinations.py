@@ -1,20 +1,40 @@
-"""Tables and sentences about combinations of axes for `report.md` and `report.html`."""
+"""Results under combinations of axes: which axes matter, and where failures gather."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from robogauntlet.results.analysis.combinations import (
     BINS,
+    COLUMNS,
     Combinations,
     IndexAgreement,
+    PairEffect,
     PolicyCombinations,
+    build_combinations,
     is_inside,
 )
 from robogauntlet.results.report import formatting
+from robogauntlet.results.report.blocks import (
+    Block,
+    Charts,
+    Fold,
+    Heading,
+    HeatCell,
+    HeatMap,
+    IntervalPlot,
+    Mark,
+    Paragraph,
+    Sentences,
+    Table,
+    Terms,
+    Videos,
+)
+from robogauntlet.results.report.facts import DEFINITIONS
 from robogauntlet.results.report.formatting import TextTable, p_value, percent, rate, span
 from robogauntlet.results.report.media import Video
+from robogauntlet.results.report.section import Page, Section
 from robogauntlet.results.statistics.clusters import MOST_AXES, AxisCondition, Cluster
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.results.statistics.sensitivity import AxisSensitivity
@@ -113,16 +133,6 @@ def by_total(found: PolicyCombinations) -> list[AxisSensitivity]:
     return sorted(indices, key=lambda one: -one.total.value)
 
 
-def videos_of(videos: Sequence[Video], found: PolicyCombinations) -> list[Video]:
-    """Return the videos of a policy's failures in its clusters."""
-    return [
-        video
-        for video in videos
-        if (video.policy, video.simulator) == (found.policy, found.simulator)
-        and any(is_inside(video.condition, cluster) for cluster in found.clusters)
-    ]
-
-
 def effect_table(found: PolicyCombinations) -> TextTable:
     """Success by severity of each axis, whatever the others are."""
     rows = tuple((effect.axis, *map(rate, effect.rates)) for effect in found.effects)
@@ -158,3 +168,103 @@ def _agreement_row(row: IndexAgreement) -> tuple[str, ...]:
 
 def _listed(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _blocks(found: Combinations, page: Page) -> Iterator[Block]:
+    if not found.policies:
+        return
+    for one in found.policies:
+        if len(found.policies) > 1:
+            yield Heading(_name(one), one.policy)
+        yield Sentences(sentences(one, found.axes))
+    design = f"Design: {found.design} over {', '.join(found.axes)}." if found.design else ""
+    yield Paragraph(design or "Combinations that the suite lists.", is_note=True)
+    yield Terms({term: DEFINITIONS[term] for term in ("sensitivity index", "failure cluster")})
+    for one in found.policies:
+        yield Heading(_name(one), one.policy)
+        yield from _of_policy(one, page)
+    if found.agreement:
+        yield Heading("Agreement of simulators on axes")
+        yield Terms({"agreement on axes": DEFINITIONS["agreement on axes"]})
+        yield Table(agreement_table(found), "Agreement of simulators on which axes matter")
+
+
+def _name(one: PolicyCombinations) -> str:
+    return f"{one.policy}, {one.simulator}"
+
+
+def _of_policy(one: PolicyCombinations, page: Page) -> Iterator[Block]:
+    if by_total(one):
+        yield Charts((_index_chart(one),))
+        table = Table(index_table(one), f"{_name(one)}: sensitivity indices")
+        yield Fold("Indices as numbers", (table,), title="")
+    else:
+        yield Paragraph(f"No sensitivity indices: {one.why_no_sensitivity}.")
+    if one.clusters:
+        yield Heading("Failure clusters", level=4)
+        yield Table(cluster_table(one), f"{_name(one)}: failure clusters")
+        shown = [
+            (video, _caption(video))
+            for video in page.media.new_failures
+            if (video.policy, video.simulator) == (one.policy, one.simulator)
+            and any(is_inside(video.condition, cluster) for cluster in one.clusters)
+        ]
+        if shown:
+            yield Videos(tuple(shown))
+    if one.pair:
+        yield Heading(" and ".join(one.pair.axes), level=4)
+        yield _pair_map(one.pair)
+    yield Heading("Success by severity of each axis, whatever the others are", level=4)
+    yield Table(effect_table(one), f"{_name(one)}: success by severity of each axis")
+
+
+def _caption(video: Video) -> str:
+    outcome = f", {video.outcome}" if video.outcome != video.status else ""
+    return f"{formatting.short_task(video.task)}, seed {video.seed}, {video.condition}{outcome}"
+
+
+def _index_chart(one: PolicyCombinations) -> IntervalPlot:
+    rows = tuple(
+        (axis.axis, (_mark(axis.axis, axis.total, "with interactions"), _mark(axis.axis, axis.first, "alone")))
+        for axis in by_total(one)
+    )
+    label = f"{_name(one)}: share of the variance of success that each axis causes"
+    ticks = tuple((tick, str(tick)) for tick in (0, 25, 50, 75, 100))
+    x_label = "share of the variance (%): filled alone, open with interactions"
+    return IntervalPlot("", one.policy, label, rows, ticks, x_label, "sensitivity")
+
+
+def _mark(axis: str, estimate: Estimate, kind: str) -> Mark:
+    ends = estimate.interval
+    interval = None if ends is None else (100 * ends.low, 100 * ends.high)
+    return Mark(100 * estimate.value, interval, None, f"{axis}, {kind}: {_share(estimate)}", kind != "alone")
+
+
+def _pair_map(pair: PairEffect) -> HeatMap:
+    rows = tuple(
+        (group, tuple(_pair_cell(*cell) for cell in zip(rates, episodes, strict=True)))
+        for group, rates, episodes in zip(GROUPS, pair.rates, pair.episodes, strict=True)
+    )
+    label = f"Success by severity of {pair.axes[0]} and {pair.axes[1]}"
+    return HeatMap(label, pair.axes[0], GROUPS, rows, ((pair.axes[1], len(GROUPS), None),))
+
+
+def _pair_cell(value: float | None, episodes: int) -> HeatCell:
+    return HeatCell(0.0, "", kind="nothing") if value is None else HeatCell(value, percent(value), f"n={episodes}")
+
+
+def _all_sentences(found: Combinations) -> list[str]:
+    return [sentence for one in found.policies for sentence in sentences(one, found.axes)]
+
+
+SECTIONS = (
+    Section(
+        name="combinations",
+        title="Why it fails",
+        columns=COLUMNS,
+        build=lambda source: build_combinations(source.document, source.rows),
+        type=Combinations,
+        blocks=_blocks,
+        sentences=_all_sentences,
+    ),
+)

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
+from robogauntlet.results.report.blocks import Block, Paragraph, Table
+from robogauntlet.results.report.formatting import TextTable, points, share
+from robogauntlet.results.report.section import Page, Section
 from robogauntlet.results.statistics.rates import Estimate, rate_difference
 from robogauntlet.suites.episode import AT, Condition
+
+HEADER = ("task", "policy", "robot", "success", "to the first robot (points)")
+EXPLANATION = (
+    "Clean episodes of tasks that several robots play. Differences are of success rates, in percentage points, with "
+    "Newcombe's interval (95 %) for separate trials: seeds are not paired, since objects may lie elsewhere for another "
+    "robot."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,3 +60,26 @@ def compare_robots(robots: Mapping[str, str], tables: Tables) -> tuple[RobotRow,
 
 def _counts(tally: Tally) -> tuple[int, int]:
     return tally.successes, tally.verdicts
+
+
+def robot_table(rows: Sequence[RobotRow]) -> TextTable:
+    """Success of each policy and robot, and its difference to the first robot's."""
+    lines = ((row.task, row.policy, row.robot, share(row.tally), points(row.difference)) for row in rows)
+    return TextTable(HEADER, tuple(lines), 3)
+
+
+def _blocks(rows: Sequence[RobotRow], page: Page) -> Iterator[Block]:
+    if rows:
+        yield Paragraph(EXPLANATION)
+        yield Table(robot_table(rows), "Success by robot")
+
+
+SECTIONS = (
+    Section(
+        name="robots",
+        title="By robot",
+        build=lambda source: compare_robots(source.document.robots, source.tables),
+        type=tuple[RobotRow, ...],
+        blocks=_blocks,
+    ),
+)

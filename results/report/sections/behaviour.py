@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from robogauntlet.results.record import BEHAVIOUR, Status
+from robogauntlet.results.report.blocks import Block, Heading, Paragraph, Table, Terms
+from robogauntlet.results.report.formatting import NOTHING, TextTable, count, percent
+from robogauntlet.results.report.section import Page, Section
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import CLEAN
 
 if TYPE_CHECKING:
     import pandas as pd
 
+TERMS = {
+    "path length": "Of the tool centre point.",
+    "time to success": "Simulated time until the task's predicate began to hold for good.",
+    "smoothness": "Spectral arc length of the tool's speed, without a unit: lower is jerkier.",
+    "progress": "Share of the distance to the goal that was covered at the end; below 0 if the distance grew, at least "
+    "-1.",
+    "contact": "With what is neither the robot itself nor an object of the task: share of control steps, and largest "
+    "force of any episode.",
+    "limits": "Share of control steps within 0.01 rad of a joint limit, and of those with the tool more than 0.2 m "
+    "outside the box of the start positions.",
+}
 MEASURES = tuple(name for name in BEHAVIOUR if name != "failure")
 """Fields of the record that are numbers about the behaviour."""
 COLUMNS = ("simulator", "task", "policy", "policy_digest", "axis", "status", "steps", *MEASURES)
@@ -120,3 +135,80 @@ def _share(rows: pd.DataFrame, name: str) -> float | None:
     known = rows[rows[name].notna()]
     steps = int(known["steps"].sum())
     return float(known[name].sum() / steps) if steps else None
+
+
+def success_table(rows: Sequence[BehaviourRow]) -> TextTable:
+    """Path, time and smoothness of the successes."""
+    header = ("task", "policy", "successes", "path length (m)", "time to success (s)", "smoothness")
+    shown = (
+        (
+            count(row.successes),
+            _spread_text(row.path_length),
+            _spread_text(row.time_to_success),
+            _spread_text(row.smoothness),
+        )
+        for row in rows
+    )
+    return _measured(header, rows, shown)
+
+
+def episode_table(rows: Sequence[BehaviourRow]) -> TextTable:
+    """Progress, gripper, contacts and limits in all episodes, successes and failures."""
+    header = (
+        *("task", "policy", "episodes", "progress", "progress of failures", "gripper openings"),
+        *("contact (steps)", "largest force (N)", "at a joint limit (steps)", "outside workspace (steps)"),
+    )
+    shown = (
+        (
+            count(row.episodes),
+            _spread_text(row.progress),
+            _spread_text(row.progress_of_failures),
+            _spread_text(row.gripper_openings, digits=0),
+            percent(row.contact_steps),
+            NOTHING if row.contact_force is None else f"{row.contact_force:.1f}",
+            percent(row.joint_limit_steps),
+            percent(row.workspace_steps),
+        )
+        for row in rows
+    )
+    return _measured(header, rows, shown)
+
+
+def _measured(header: tuple[str, ...], rows: Sequence[BehaviourRow], shown: Iterable[tuple[str, ...]]) -> TextTable:
+    """The table without columns in which nothing was measured."""
+    lines = [
+        (row.task or f"all of {row.simulator}", row.policy, *values) for row, values in zip(rows, shown, strict=True)
+    ]
+    kept = [place for place, column in enumerate(zip(*lines, strict=True)) if set(column) != {NOTHING}]
+    return TextTable(tuple(header[i] for i in kept), tuple(tuple(line[i] for i in kept) for line in lines), 2)
+
+
+def _spread_text(spread: Spread | None, digits: int = 2) -> str:
+    """`0.52 (0.44 to 0.61)`."""
+    if spread is None:
+        return NOTHING
+    median, lower, upper = (
+        f"{round(value, digits) + 0.0:.{digits}f}" for value in (spread.median, spread.lower, spread.upper)
+    )
+    return f"{median} ({lower} to {upper})"
+
+
+def _blocks(rows: Sequence[BehaviourRow], page: Page) -> Iterator[Block]:
+    yield Paragraph("Clean episodes: medians, with quartiles in parentheses.")
+    yield Terms(TERMS)
+    yield Heading("Successes")
+    yield Table(success_table(rows), "Movement in successes")
+    yield Heading("Successes and failures")
+    yield Table(episode_table(rows), "Movement in successes and failures")
+
+
+SECTIONS = (
+    Section(
+        name="behaviour",
+        title="How it moves",
+        columns=COLUMNS,
+        build=lambda source: build_behaviour(source.document, source.rows),
+        type=tuple[BehaviourRow, ...],
+        blocks=_blocks,
+    ),
+)
