@@ -55,7 +55,7 @@ BUDGETS = {
     "tests": 47_465,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
-WORDS = 32_100
+WORDS = 32_000
 """Words that README, CONTRIBUTING, CHANGELOG and the pages in docs may have, without references and reports."""
 
 
