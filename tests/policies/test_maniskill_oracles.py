@@ -13,6 +13,7 @@ def test_every_task_has_an_oracle():
 
 @pytest.mark.simulator
 @pytest.mark.parametrize("task", SIMULATOR.tasks)
-def test_the_oracle_succeeds_within_the_horizon(task):
-    # The last two: the farthest goal of Push and the longest turn of Stack among seeds 0 to 99.
-    assert None not in steps_to_success(SIMULATOR, task, (0, 1, 2, 81, 75))
+# By day the farthest goal of Push and the longest turn of Stack among seeds 0 to 99.
+@pytest.mark.parametrize("seeds", [[81, 75], pytest.param([0, 1, 2], marks=pytest.mark.nightly)], ids=str)
+def test_the_oracle_succeeds_within_the_horizon(task, seeds):
+    assert None not in steps_to_success(SIMULATOR, task, seeds)
