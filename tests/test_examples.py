@@ -112,6 +112,7 @@ def test_the_pages_have_the_function_of_the_example():
 
 @pytest.mark.simulator
 @pytest.mark.ray
+@pytest.mark.nightly
 def test_a_function_is_evaluated_and_stepped(tmp_path):
     output = example("evaluate_a_function.py", cwd=tmp_path)
     assert re.search(r"act pybullet/PandaReach-v3\s+clean\s+(0.75|1.00)", output)

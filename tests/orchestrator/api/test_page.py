@@ -13,6 +13,7 @@ PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 
 @pytest.mark.simulator
 @pytest.mark.ray
+@pytest.mark.nightly
 def test_the_code_of_the_page_runs_from_top_to_bottom(tmp_path):
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
     code = "\n".join(blocks)
