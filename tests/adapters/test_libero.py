@@ -19,6 +19,7 @@ from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTas
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
 from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, RenderProfile, View
 from tests.adapters.goals import check_goal
+from tests.jobs import mostly_nightly
 from tests.processes import run_process
 
 pytestmark = [
@@ -29,6 +30,7 @@ DRAWER = "spatial-4-in-top-drawer-wooden-cabinet"
 """Fixtures, one of which starts open."""
 FLOOR = "object-0-alphabet-soup"
 """No fixtures."""
+GOALS = ["spatial-8-next-to-plate", "object-2-salad-dressing", "goal-1-put-bowl-on-stove"]
 SEED, SIZE = 3, 64
 
 
@@ -80,7 +82,7 @@ def native_episode(task, actions):
     return state, images, proprioception
 
 
-@pytest.mark.parametrize("task", [DRAWER, FLOOR])
+@pytest.mark.parametrize("task", mostly_nightly([DRAWER, FLOOR], [DRAWER]))
 def test_fast_2_draws_fewer_triangles_that_look_and_move_the_same(task):
     images, states, triangles = [], [], []
     for profile in (RenderProfile.FAST, RenderProfile.FAST_2):
@@ -142,7 +144,7 @@ def test_without_fixtures_seeds_from_fifty_on_repeat(floor):
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-@pytest.mark.parametrize("name", ["drawer", "floor"])
+@pytest.mark.parametrize("name", mostly_nightly(["drawer", "floor"], ["floor"]))
 def test_no_training_seed_starts_as_an_evaluation_does(name, request):
     simulation = request.getfixturevalue(name)
 
@@ -226,12 +228,13 @@ def test_a_scene_without_room_is_an_error_and_no_endless_loop(floor, monkeypatch
         floor.reset(0)
 
 
-@pytest.mark.parametrize("task", ["spatial-8-next-to-plate", "object-2-salad-dressing", "goal-1-put-bowl-on-stove"])
+@pytest.mark.parametrize("task", mostly_nightly(GOALS, GOALS[:1]))
 def test_success_is_progress_and_idling_is_none_by_a_task_s_goal(task):
     with closing(SIMULATOR.open(task, View(CAMERAS, SIZE))) as simulation:
         check_goal(SIMULATOR, task, simulation, SEED, steps=20)
 
 
+@pytest.mark.nightly
 def test_an_object_whose_shapes_are_in_a_body_fixed_to_it_stands_on_the_floor():
     task = "90-62-livingroom4-pick-salad-dressing-put-in-tray"
     with closing(SIMULATOR.open(task, View(CAMERAS, SIZE))) as simulation:
@@ -248,6 +251,7 @@ def test_libero_is_imported_where_torch_is_not():
     assert int(run_process([sys.executable, "-c", code]).stdout.split()[-1]) >= 5
 
 
+@pytest.mark.nightly
 def test_the_stored_tasks_are_those_of_the_package():
     from libero.libero.benchmark import get_benchmark
 

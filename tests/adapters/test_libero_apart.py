@@ -12,6 +12,7 @@ import pytest
 from robogauntlet.adapters.libero.assets import VARIABLE, package_folder, unpack
 from robogauntlet.results.api import open_run
 from tests import ROOT
+from tests.jobs import mostly_nightly
 from tests.own_environments import FOLDER, python_of
 from tests.remote_servers import answering, speaking
 
@@ -69,14 +70,18 @@ def test_robosuite_1_4_shadows_the_one_behind_it(surroundings, python):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "adapters/test_libero.py",
-        pytest.param("adapters/test_libero_control.py", marks=pytest.mark.nightly),
-        pytest.param("policies/test_libero_oracles.py", marks=pytest.mark.nightly),
-    ],
+    mostly_nightly(
+        [
+            "adapters/test_libero.py",
+            "adapters/test_libero.py --job nightly",
+            "adapters/test_libero_control.py",
+            "policies/test_libero_oracles.py",
+        ],
+        ["adapters/test_libero.py"],
+    ),
 )
 def test_the_tests_of_liberos_adapter_and_oracles_pass_there(surroundings, python, name):
-    command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", f"tests/{name}"]
+    command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *f"tests/{name}".split()]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=surroundings)
     assert done.returncode == 0, done.stdout[-6000:]
     skipped = [line for line in done.stdout.splitlines() if line.startswith("SKIPPED")]
