@@ -12,7 +12,7 @@ import pytest
 from hypothesis import settings
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator import adapter_kit
+from robogauntlet.orchestrator import kit
 from tests.jobs import JOBS
 
 # The duration of an example depends on the load of the machine, not on the code.
@@ -52,9 +52,9 @@ def lacking_skips(skipped):
 
     What the conformance kit skips is in a list of each of its tests.
     """
-    kit = Path(adapter_kit.__file__).resolve()
+    own = Path(kit.__file__).resolve()
     places = [report.longrepr for report in skipped if isinstance(report.longrepr, tuple)]
-    reasons = [reason.removeprefix("Skipped: ") for file, _, reason in places if Path(file).resolve() != kit]
+    reasons = [reason.removeprefix("Skipped: ") for file, _, reason in places if Path(file).resolve() != own]
     return Counter(reason for reason in reasons if not reason.startswith("this machine "))
 
 

@@ -24,7 +24,7 @@ FLOORS = {
         ("episodes", "scheduling", "perturbations", "inference", "ray_runtime", "environments"),
         ("replay", "demonstrations"),
         ("runs",),
-        ("adapter_kit", "policy_kit"),
+        ("kit",),
         ("api", "cli", "dashboard", "notifications", "schedules", "trackers"),
     ),
     "results": (("statistics",), ("store", "analysis"), ("report",)),
@@ -65,7 +65,7 @@ def module_of(path):
 
 
 MODULES = {module_of(path): path for room in PACKAGES for path in (SOURCE / room).rglob("*.py")}
-TEMPLATES = tuple(f"robogauntlet.orchestrator.{kit}.template" for kit in ("adapter_kit.scaffold", "policy_kit"))
+TEMPLATES = "robogauntlet.orchestrator.kit.template"
 MODULES = {name: path for name, path in MODULES.items() if not name.startswith(TEMPLATES)}
 
 

@@ -63,14 +63,14 @@ def test_the_pytest_plugin_works_beside_another_package_orchestrator(project):
 
 
 def test_the_pytest_plugin_imports_nothing_heavy():
-    code = "import sys, pytest, robogauntlet.orchestrator.adapter_kit.pytest_plugin; print(*sys.modules)"
+    code = "import sys, pytest, robogauntlet.orchestrator.kit.pytest_plugin; print(*sys.modules)"
     loaded = python("-c", code, folder=ROOT).stdout.split()
-    assert "robogauntlet.orchestrator.adapter_kit.pytest_plugin" in loaded
+    assert "robogauntlet.orchestrator.kit.pytest_plugin" in loaded
     assert not {"numpy", "scipy", "pydantic", "ray", "yaml"} & set(loaded)
     assert {name for name in loaded if name.startswith("robogauntlet.")} == {
         "robogauntlet.orchestrator",
-        "robogauntlet.orchestrator.adapter_kit",
-        "robogauntlet.orchestrator.adapter_kit.pytest_plugin",
+        "robogauntlet.orchestrator.kit",
+        "robogauntlet.orchestrator.kit.pytest_plugin",
     }
 
 

@@ -2,11 +2,11 @@
 
 from types import SimpleNamespace
 
-from robogauntlet.orchestrator import adapter_kit
+from robogauntlet.orchestrator import kit
 from tests.conftest import lacking_skips, pytest_sessionfinish
 
-KIT = adapter_kit.__file__
-TESTS = "/here/tests/orchestrator/adapter_kit/test_checks.py"
+KIT = kit.__file__
+TESTS = "/here/tests/orchestrator/kit/adapter/test_checks.py"
 
 
 def skipped(reason, file="/here/tests/test_it.py"):

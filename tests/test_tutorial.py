@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import pytest
 
-from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
+from robogauntlet.orchestrator.kit.adapter import CHECKS
 from tests.processes import run_gauntlet, run_process
 from tests.tutorials import blocks
 

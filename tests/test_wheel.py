@@ -62,7 +62,7 @@ LIGHT = (
     "policies/remote/test_conventions.py",
     "orchestrator/episodes/test_rollout.py",
     "orchestrator/episodes/test_episode_runner.py",
-    "orchestrator/policy_kit/test_check.py",
+    "orchestrator/kit/policy/test_check.py",
 )
 """Tests of every room that need nothing but the wheel."""
 
@@ -145,7 +145,7 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
         *(f"suites/{path.name}" for path in (ROOT / "suites").glob("*.yaml")),
         "adapters/metaworld/tasks.yaml",
         "results/report/report.css",
-        "orchestrator/policy_kit/template/toypolicy.py",
+        "orchestrator/kit/template/policy/toypolicy.py",
     ):
         assert f"robogauntlet/{name}" in program
     for name in ("LICENSE", "NOTICE"):

@@ -1,24 +1,3 @@
-"""The pytest plug-in: a fixture for the tests that `conformance_tests` makes.
+"""The former place of the plug-in, for environments whose installation still names it."""
 
-Every pytest in the environment loads it, so it imports nothing else until such a test runs.
-"""
-
-from __future__ import annotations
-
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
-import pytest
-
-if TYPE_CHECKING:
-    from robogauntlet.orchestrator.adapter_kit.checks.runner import TaskCheckers
-
-
-@pytest.fixture(scope="session")
-def robogauntlet_checks() -> Iterator[TaskCheckers]:
-    """Run checks in one process per task, one task at a time."""
-    from robogauntlet.orchestrator.adapter_kit.checks.runner import TaskCheckers
-
-    checkers = TaskCheckers()
-    yield checkers
-    checkers.close()
+from robogauntlet.orchestrator.kit.pytest_plugin import robogauntlet_checks  # noqa: F401

@@ -1,4 +1,4 @@
-"""Moving cameras: the geometry. That simulators follow it is checked by `orchestrator.adapter_kit.checks.cameras`."""
+"""Moving cameras: the geometry. That simulators follow it is checked by `orchestrator.kit.adapter.cameras`."""
 
 import numpy as np
 import pytest

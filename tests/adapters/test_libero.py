@@ -14,8 +14,8 @@ from robogauntlet.adapters.libero import SIMULATOR
 from robogauntlet.adapters.libero.libero_import import open_libero
 from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL
 from robogauntlet.adapters.libero.tasks import STORED_STATES, libero_tasks
-from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
-from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
+from robogauntlet.orchestrator.kit.adapter import CHECKS
+from robogauntlet.orchestrator.kit.adapter.checked_task import CheckedTask
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
 from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, RenderProfile, View
 from tests.adapters.goals import check_goal

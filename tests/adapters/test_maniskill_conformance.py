@@ -2,7 +2,7 @@
 
 import pytest
 
-from robogauntlet.orchestrator.adapter_kit import conformance_tests
+from robogauntlet.orchestrator.kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
 OF_ONE_ARM = ("objects-box", "objects-move", "table-height", "axis-object-position")

@@ -3,7 +3,7 @@
 import pytest
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.adapter_kit import conformance_tests
+from robogauntlet.orchestrator.kit import conformance_tests
 
 missing = catalog.missing_reason(catalog.find("metaworld"))
 pytestmark = [pytest.mark.simulator, pytest.mark.skipif(missing is not None, reason=str(missing))]

@@ -8,7 +8,7 @@ import pytest
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.mujoco_culling import view_planes
 from robogauntlet.adapters.mujoco_scene import MujocoScene, import_mujoco, orbit_camera
-from robogauntlet.orchestrator.adapter_kit.checks.axes import SCENE_AXES
+from robogauntlet.orchestrator.kit.adapter.axes import SCENE_AXES
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.orchestrator.registry import why_unadjusted

@@ -3,7 +3,7 @@
 import pytest
 
 from robogauntlet.adapters.pybullet import SIMULATOR
-from robogauntlet.orchestrator.adapter_kit import conformance_tests
+from robogauntlet.orchestrator.kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
 MAY_SKIP = {

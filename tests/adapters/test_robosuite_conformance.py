@@ -2,7 +2,7 @@
 
 import pytest
 
-from robogauntlet.orchestrator.adapter_kit import conformance_tests
+from robogauntlet.orchestrator.kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
 OTHERS = ("TwoArmLift@TwoPandas", "Lift@Kinova3", "Door", "PickPlaceCan")

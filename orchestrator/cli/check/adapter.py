@@ -15,17 +15,17 @@ from rich.table import Table
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator
-from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
-from robogauntlet.orchestrator.adapter_kit.checks.check import Check, CheckResult, Outcome
-from robogauntlet.orchestrator.adapter_kit.checks.runner import (
+from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.kit.adapter import CHECKS
+from robogauntlet.orchestrator.kit.adapter.check import Check, CheckResult, Outcome
+from robogauntlet.orchestrator.kit.adapter.runner import (
     MAX_TASKS,
     TIME_LIMIT_S,
     checks_for,
     default_tasks,
     run_checks,
 )
-from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
-from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted

@@ -17,7 +17,7 @@ import typer
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.cli.common import RUNS, PolicyOptions, out, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
+from robogauntlet.orchestrator.kit.policy.finding import Finding, Level
 from robogauntlet.policies import catalog
 from robogauntlet.policies.references import FORMS, read_options, read_reference, with_options
 from robogauntlet.suites.plugins import did_you_mean
@@ -59,7 +59,7 @@ def check(
     from PIL import Image
 
     from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-    from robogauntlet.orchestrator.policy_kit.check import Probe, check_policy, check_policy_apart
+    from robogauntlet.orchestrator.kit.policy.check import Probe, check_policy, check_policy_apart
     from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_simulator_environment
 
     began = time.perf_counter()

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.adapter_kit.scaffold import TEMPLATE
 from robogauntlet.orchestrator.cli.common import print_line
+from robogauntlet.orchestrator.kit.scaffold import ADAPTER
 from robogauntlet.support.errors import BadInput
 
 
@@ -26,7 +26,7 @@ def new(
     folder = out_folder or Path(f"robogauntlet-{name}")
     if name in catalog.simulators():
         raise BadInput(f"the simulator '{name}' exists already; choose another name")
-    for path in TEMPLATE.write(name, folder):
+    for path in ADAPTER.write(name, folder):
         print_line(str(path))
     print_line(f"\ncd {folder}")
     print_line("pip install --no-deps -e .")

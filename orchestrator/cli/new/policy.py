@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import print_line
-from robogauntlet.orchestrator.policy_kit import TEMPLATE
+from robogauntlet.orchestrator.kit.scaffold import POLICY
 from robogauntlet.support.errors import BadInput
 
 
@@ -25,9 +25,9 @@ def new(
     folder = out_folder or Path(name)
     if name.isidentifier() and (keyword.iskeyword(name) or find_spec(name) is not None) and not folder.exists():
         raise BadInput(f"a Python module '{name}' exists already; choose another name")
-    for path in TEMPLATE.write(name, folder):
+    for path in POLICY.write(name, folder):
         print_line(str(path))
-    title = TEMPLATE.renamed(TEMPLATE.placeholder.capitalize(), name)
+    title = POLICY.renamed(POLICY.placeholder.capitalize(), name)
     print_line(f"\ncd {folder}")
     print_line(f"robogauntlet check policy python:{name}:{title}")
     print_line(f"robogauntlet run {name}.yaml")

@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.adapter_kit.scaffold import TEMPLATE
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.cli.check.adapter import check
 from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.orchestrator.cli.new.adapter import new
+from robogauntlet.orchestrator.kit.scaffold import ADAPTER
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from tests.full_disk import full_disk
@@ -113,4 +113,4 @@ def test_an_unknown_name_gets_a_suggestion(arguments, message):
 def test_a_name_replaces_the_toys_in_every_form(name):
     module, title = name.replace("-", "_"), "".join(part.capitalize() for part in name.split("-"))
     text = "robogauntlet_toysim toysim/Reach ToysimCameras test_toysim_keeps"
-    assert TEMPLATE.renamed(text, name) == f"robogauntlet_{module} {name}/Reach {title}Cameras test_{module}_keeps"
+    assert ADAPTER.renamed(text, name) == f"robogauntlet_{module} {name}/Reach {title}Cameras test_{module}_keeps"

@@ -1,0 +1,1 @@
+"""The check of a policy: short episodes, and findings about its numbers."""

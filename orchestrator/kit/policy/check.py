@@ -1,0 +1,194 @@
+"""Plays short episodes of a policy and says what its numbers do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.contract import Image, Simulation
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
+from robogauntlet.orchestrator.kit.policy import actions, joints, motion, observation, repetition
+from robogauntlet.orchestrator.kit.policy.finding import Finding, Level
+from robogauntlet.orchestrator.kit.policy.own_process import ProcessEnded, close_policy, run_apart
+from robogauntlet.orchestrator.kit.policy.picture import draw_picture
+from robogauntlet.orchestrator.kit.policy.recording import InvalidAnswer, Play, play
+from robogauntlet.policies import catalog
+from robogauntlet.policies.contract import (
+    Policy,
+    PolicyError,
+    PolicyInput,
+    PolicyMismatch,
+    PolicySpec,
+    Query,
+    Wishes,
+    check_fit,
+    check_tasks,
+)
+from robogauntlet.policies.remote.conversion import EncodesImages
+from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, View
+
+STEPS = 40
+"""Control steps of an episode, unless the task's horizon is shorter."""
+IMAGE_SIZE = View().image_size
+REPLAN_EVERY = Protocol(STEPS).replan_every
+GIVEN = {
+    PolicyInput.NOTHING: "nothing of the scene: no images, no state",
+    PolicyInput.PRIVILEGED_STATE: "the true state instead of images",
+}
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A policy and the task on which it is checked."""
+
+    name: str
+    source: PolicySource
+    task: str
+    """`simulator/task`."""
+    seed: int = 0
+    image_size: int | None = None
+    """Height and width of frames (px); None for what the policy asks for, or else that of a suite."""
+
+
+def check_policy(probe: Probe) -> Iterator[Finding | Image]:
+    """Play the policy, and yield findings and at last their picture, unless no episode could be played.
+
+    Raises:
+        PolicyError: The policy cannot be loaded, or cannot act in the task.
+        AdapterError: The task cannot be opened.
+    """
+    _check_arms(probe)
+    policy = build_policy(probe.source)
+    try:
+        yield from _findings(policy, probe)
+    finally:
+        close_policy(policy)
+
+
+def check_policy_apart(probe: Probe) -> Iterator[Finding | Image]:
+    """The same in a process of its own: threads, another working directory or a crash of the policy stay there."""
+    _check_arms(probe)
+    try:
+        yield from run_apart(_checked, probe.source, probe)
+    except ProcessEnded as error:
+        yield Finding("answer", Level.FAILED, str(error))
+
+
+def _check_arms(probe: Probe) -> None:
+    if simulators.body_of(probe.task).arms != 1:
+        raise PolicyError(f"expected a task of one arm, to check a policy; {probe.task} has two arms")
+
+
+def _checked(policy: Policy, probe: Probe) -> list[Finding | Image]:
+    return list(_findings(policy, probe))
+
+
+def _findings(policy: Policy, probe: Probe) -> Iterator[Finding | Image]:
+    try:
+        check_tasks(policy.spec, [probe.task])
+    except PolicyMismatch as error:
+        raise PolicyMismatch(f"policy '{probe.name}' does not fit: {error}") from None
+    simulation = simulators.open_simulation(probe.task, _view(probe, policy.spec))
+    try:
+        yield from _Check(probe, policy, simulation).findings()
+    except InvalidAnswer as error:
+        yield Finding("answer", Level.FAILED, str(error))
+    except PolicyMismatch as error:
+        yield Finding("fit", Level.FAILED, str(error))
+    finally:
+        simulation.close()
+
+
+def _view(probe: Probe, spec: PolicySpec) -> View:
+    simulator, _, name = probe.task.partition("/")
+    tasks = simulators.find(simulator).tasks
+    offered = tasks[name].cameras if name in tasks else CAMERAS
+    size = spec.image_size or probe.image_size or _wishes(probe).image_size or IMAGE_SIZE
+    return View(tuple(camera for camera in CAMERAS if camera in offered), size)
+
+
+def _wishes(probe: Probe) -> Wishes:
+    return catalog.wishes(probe.source.kind, probe.source.options)
+
+
+def _in_new_process(probe: Probe, episode: Episode) -> Play:
+    """Play an episode where nothing is left of another one, not even in the policy's modules."""
+    try:
+        return run_apart(_play_afresh, probe.source, probe.task, episode)
+    except ProcessEnded as error:
+        raise InvalidAnswer(str(error)) from None
+
+
+def _play_afresh(policy: Policy, task: str, episode: Episode) -> Play:
+    simulation = simulators.open_simulation(task, episode.protocol.view)
+    try:
+        return play(simulation, policy, episode)
+    finally:
+        simulation.close()
+
+
+class _Check:
+    def __init__(self, probe: Probe, policy: Policy, simulation: Simulation) -> None:
+        self._probe, self._policy, self._simulation = probe, policy, simulation
+
+    def findings(self) -> Iterator[Finding | Image]:
+        probe, policy, simulation = self._probe, self._policy, self._simulation
+        check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
+        first, other, again = (play(simulation, policy, self._episode(seed)) for seed in (0, 1, 0))
+        plays, spec = [first, other], simulation.action_spec
+        executed = np.concatenate([played.actions() for played in plays])
+        replan_every = first.episode.protocol.replan_every
+        yield from actions.answers([first, other, again], replan_every)
+        yield from joints.targets(plays, spec) if spec.joints else actions.limits(plays, spec)
+        moves = list(motion.movements(simulation, plays))
+        yield from motion.components(simulation, executed, moves)
+        yield from actions.gripper(plays, spec)
+        yield from motion.fingers(simulation, probe.seed)
+        yield from motion.whole(first)
+        shown = [] if policy.spec.sees is not PolicyInput.OBSERVATION else self._images(first)
+        if shown:
+            yield _sent(shown[0][1])
+            yield from _enlarged(simulation.observation_spec.image_size, _wishes(probe).image_size)
+            yield from observation.sensitivity(policy, first.answers)
+        else:
+            yield Finding("input", Level.NOTE, f"the policy gets {GIVEN[policy.spec.sees]}")
+        yield from repetition.repeated(first, again, lambda: _in_new_process(probe, first.episode))
+        title = f"{probe.name} in {probe.task}: the images as the policy gets them, and its actions (red: limits)"
+        yield draw_picture(shown, first.actions(), spec, moves, title)
+
+    def _episode(self, number: int) -> Episode:
+        probe, spec = self._probe, self._simulation.observation_spec
+        simulator, _, name = probe.task.partition("/")
+        horizon = min(STEPS, simulators.find(simulator).tasks[name].horizon)
+        view = View(spec.cameras, spec.image_size)
+        protocol = Protocol(horizon, max(REPLAN_EVERY, _wishes(probe).execute or 0), view)
+        return Episode(probe.name, probe.source.digest or "", probe.task, probe.seed + number, protocol)
+
+    def _images(self, played: Play) -> list[tuple[str, Mapping[str, Image]]]:
+        """Label and images, as the policy gets them, of the first and the last query."""
+        queries = list(dict.fromkeys((0, len(played.answers) - 1)))
+        chosen = [(number, played.answers[number].query) for number in queries]
+        return [(f"query {number + 1}/step {query.step}", self._as_sent(query)) for number, query in chosen]
+
+    def _as_sent(self, query: Query) -> Mapping[str, Image]:
+        if isinstance(self._policy, EncodesImages):
+            return self._policy.images_sent(query)
+        assert query.observation is not None
+        return query.observation.images
+
+
+def _enlarged(rendered: int, asked: int | None) -> Iterator[Finding]:
+    if asked is not None and asked > rendered:
+        text = f"frames are rendered at {rendered} px and enlarged to {asked}; leave --image-size out"
+        yield Finding("images", Level.WARNING, text, {"rendered_px": float(rendered), "asked_px": float(asked)})
+
+
+def _sent(images: Mapping[str, Image]) -> Finding:
+    sizes = ", ".join(f"{name} {image.shape[0]} x {image.shape[1]}" for name, image in images.items())
+    numbers = {f"{name}_height_px": float(image.shape[0]) for name, image in images.items()}
+    return Finding(
+        "images", Level.NOTE, f"{sizes}, as in the picture: compare them with those of the training", numbers
+    )
