@@ -24,7 +24,7 @@ help:
 	@echo "make audit      look up known vulnerabilities of all pinned packages; needs a network"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make studies    check that the tables of studies/ are those of their kept rows"
-	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages than make test reads (ten minutes)"
+	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages, and examples of properties, than make test takes"
 	@echo "make nightly    installations, environments and pages again, at more length than make test (half an hour)"
 	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, Slurm, dying nodes (two hours)"
 	@echo "make mutants    change 200 places of the core, one at a time, and say which test notices (hours)"
@@ -112,6 +112,7 @@ studies: setup
 
 fuzz: setup
 	ROBOGAUNTLET_FUZZ_EXAMPLES=6000 $(BIN)/python -m pytest -q tests/fuzz
+	ROBOGAUNTLET_EXAMPLES=1000 $(BIN)/python -m pytest -q -m "hypothesis and not simulator and not ray" --ignore tests/fuzz
 
 chaos: setup
 	@bash scripts/test_tools.sh chaos

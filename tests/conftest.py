@@ -16,7 +16,9 @@ from robogauntlet.orchestrator import kit
 from tests.jobs import JOBS
 
 # The duration of an example depends on the load of the machine, not on the code.
-settings.register_profile("whatever the time", deadline=None)
+settings.register_profile(
+    "whatever the time", deadline=None, max_examples=int(os.environ.get("ROBOGAUNTLET_EXAMPLES", "40"))
+)
 settings.load_profile("whatever the time")
 
 # Tables are as wide as their content, in any terminal or process.

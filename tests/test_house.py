@@ -52,7 +52,7 @@ BUDGETS = {
     "results": 15_010,
     "suites": 2_906,
     "src/robogauntlet": 1_030,
-    "tests": 47_460,
+    "tests": 47_290,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

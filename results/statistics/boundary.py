@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,11 +120,13 @@ class BoundaryEstimate:
         most = max((k for k in range(trials + 1) if is_below(Trials(k, trials), expected, self._below)), default=None)
         if most is None:
             return None
-        for severity in self._candidates():
-            likely = stats.binom.cdf(most, trials, self._success(severity))
-            if float((likely * self._posterior).sum()) >= POWER:
-                return severity
-        return None
+        candidates = self._candidates()
+        first = bisect_left(candidates, POWER, key=partial(self._confirmed, most, trials))
+        return candidates[first] if first < len(candidates) else None
+
+    def _confirmed(self, most: int, trials: int, severity: float) -> float:
+        """Probability of at most `most` successes at a severity, with which it grows."""
+        return float((stats.binom.cdf(most, trials, self._success(severity)) * self._posterior).sum())
 
     def _candidates(self) -> list[float]:
         if self._whole:

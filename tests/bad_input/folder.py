@@ -19,8 +19,6 @@ SEEDS = 3
 PLAN = cells(("p", "q"), ("maniskill/PushCube-v1",))
 EPISODE = PLAN[0].episode(0).id
 """Of the run `runs/monday`."""
-SECRET = "hunter2-hunter2-hunter2"
-"""A password that no answer may show."""
 Content = str | bytes | Callable[[bytes], bytes] | None
 """What is written into a file: text, bytes, or what becomes of its bytes. None makes a folder, and removes a file."""
 

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+SECRET = "hunter2-hunter2-hunter2"
+"""A password that no answer may show."""
 LONGEST_LINE = 500
 """Characters of a line of an answer."""
 
@@ -12,6 +14,8 @@ def differences(answer: str, says: str) -> Iterator[str]:
     lines, expected = answer.splitlines(), says.splitlines()
     if len(lines) != len(expected) or not all(part in line for part, line in zip(expected, lines, strict=True)):
         yield f"expected {says!r}, got {answer!r}"
+    if SECRET in answer:
+        yield f"a password is shown: {answer!r}"
     if any(len(line) > LONGEST_LINE for line in lines):
         yield f"a line of {max(map(len, lines))} characters: {answer[:100]!r}"
 

@@ -22,9 +22,9 @@ from robogauntlet.suites.loading import load_config
 from robogauntlet.suites.schema import PolicyEntry
 from robogauntlet.support.errors import UserError
 from robogauntlet_mergevla.checkpoints.merge_experts import read_experts
-from tests.bad_input.folder import SECRET, write
+from tests.bad_input.folder import write
 from tests.bad_input.forged import document_with
-from tests.bad_input.refusals import not_refused
+from tests.bad_input.refusals import SECRET, not_refused
 
 HUGE = 10**18
 RUN = "runs/monday/run.json"
@@ -97,18 +97,6 @@ VARIED = {
 }
 SCHEDULES = {
     **{
-        f"n: {{suite: smoke, cron: {cron}}}": "expected five fields"
-        for cron in (
-            "hourly",
-            "'* * * *'",
-            "'-1 * * * *'",
-            "'1,,2 * * * *'",
-            "'0 0 30 feb *'",
-            "'@reboot'",
-            "'$(id) * * * *'",
-        )
-    },
-    **{
         f"n: {{suite: smoke, cron: '@daily', timezone: {zone}}}": "expected one of the IANA list such as Europe/Berlin"
         for zone in ("Mars", "europe/berlin", "../etc/passwd", "UTC+25")
     },
@@ -173,7 +161,8 @@ FIELDS = [
     *(("elapsed_s", value) for value in (1e300, -1, float("nan"))),
     *(("media_left_out", value) for value in (2**63, -1, 1.5)),
     *(("plan", value) for value in ("all", [{}], None)),
-    *(("plan:0:planned", value) for value in (2**63, -1)),
+    *(("plan:0:planned", value) for value in (2**63, 2**53 + 1, -1, 1.5, "many")),
+    *(("finished_at", -1e20), ("shared_workers", -1), ("skipped", {"x" * 600: "absent"}), ("run_id", "x" * 3_000_000)),
     *(("plan:0:severity", value) for value in (2**63, -1, "strong")),
     *(("plan:0:policy", value) for value in (None, "x" * 501)),
     *(("suite", value) for value in ("s", {})),
@@ -201,8 +190,9 @@ CARDS = [
     ("statistics:null/Reach:action:q01", [1], "q01"),
     ("statistics:null/Reach:action:q01", ["a"] * 7, "q01"),
     ("statistics:null/Reach:action:q99", [float("nan")] * 7, "q99"),
-    ("action_steps", "all", "action_steps"),
-    ("action_steps", 0, "expected 1 to 8 action steps, the length of a chunk, got"),
+    *(("action_steps", value, f"expected a valid integer, got {value!r}") for value in ("all", 2.0, True)),
+    *(("action_steps", value, "expected 1 to 8 action steps, the length of a chunk, got") for value in (0, 9)),
+    *((name, 5, f"{name}: expected a valid string, got 5") for name in ("base_hash", "tensor_hash")),
     ("lora", {"rnk": 2}, "lora"),
     *(("lora", {"rank": value}, "expected a LoRA rank of 1") for value in (0, HUGE)),
     *(("base", value, "base") for value in (5, "../../nowhere", "/dev/null", "a\0b")),

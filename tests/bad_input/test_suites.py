@@ -103,20 +103,14 @@ OTHERS = {
     "design": {
         "noise": "design: expected a mapping, found text ('noise')",
         "{kind: lhs, axes: [noise]}": "expected 'one-at-a-time', 'grid', 'latin-hypercube' or 'sobol', found 'lhs'",
-        "{kind: grid, axes: [noise, noise]}": "design: expected each axis once, got 'noise' twice",
         "{kind: grid, axes: [nose]}": "unknown axis 'nose'; did you mean 'noise'?",
-        "{kind: grid, axes: [noise], severities: [6]}": "expected a value less than or equal to 5, found 6",
         "{kind: grid, axes: [noise], points: 8}": "design: expected no 'points' for kind grid, got 8",
-        "{kind: sobol, axes: [noise]}": "expected points of a sobol design, such as points: 64, got none",
-        "{kind: sobol, axes: [noise], points: 6}": "expected a power of two as points of a sobol design, got 6",
-        "{kind: sobol, axes: [noise], points: 8192}": "expected 10000 conditions at most, got a design of 24576",
         "{kind: grid, axes: [distractors, noise], severities: [1.5]}": "'distractors' has whole severities only",
         "{kind: grid, axes: [noise], severities: [1, 1]}": "design: expected each severity once, got 1 twice",
         "{kind: grid, axes: [noise], severities: [1.005]}": "in hundredths, such as 1, got 1.005",
         "{kind: sobol, axes: [noise], points: 4, max_severity: 4.996}": "in hundredths, such as 5, got 4.996",
         "{kind: sobol, axes: [distractors], points: 4, max_severity: 0.5}": "max_severity from 1",
         "{kind: grid, axes: [a+b, noise]}": "expected the name of an axis, got 'a+b'",
-        "{kind: grid, axes: [camera-bump, camera-orbit]}": "do not combine: both move the third-person camera",
     },
     "seeds": {
         "{count: 1:30}": "expected a decimal number, or text in quotes; found 1:30, which YAML converts",
@@ -178,20 +172,10 @@ OTHERS = {
 }
 NO_SUITES = {
     "": "expected a mapping with name, policies, tasks and seeds; found nothing",
-    "- a\n- b": "found a list",
+    "[1, 2]": "found a list",
     "name: [": "not YAML",
     '"a\\nb": 1\n"a\\nb": 2': "duplicate key 'a\\nb'",
-    "a: &a [*a]": "an alias that contains itself",
-    BOMB: "expected at most 100000 values, its aliases stand for more",
-    "{a: " * 200: "expected at most 50 lists and mappings inside each other",
-    "--- 1\n--- 2": "not YAML: but found another document",
-    "name: !!python/object/apply:os.system [id]": "found the tag",
-    "name: 2026-01-01": "expected plain YAML, found a date",
-    "x: " + "9" * 101: "expected a number of at most 100 characters, found 101",
-    'name: "\\ud800"': "found the character U+D800",
-    "? [a, b]\n: c": "found unhashable key",
     "a" * 1_000_001: "expected a suite file of at most 1000000 bytes, this has 1000001",
-    b"name: s\0": "not YAML: character U+0000",
     b"name: \xff": "expected UTF-8 text, found byte 0xff at offset 6",
 }
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 import pytest
 
 from tests.bad_input import folder
-from tests.bad_input.folder import EPISODE, SECRET, SUITE
-from tests.bad_input.refusals import differences
+from tests.bad_input.folder import EPISODE, SUITE
+from tests.bad_input.refusals import SECRET, differences
 from tests.bad_input.test_suites import suite
 
 DEADLINE_S = 60

@@ -1,5 +1,7 @@
 """Tiny experts of one base, with the weights that fine-tuning changes."""
 
+from functools import cache
+
 import torch
 
 from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
@@ -51,7 +53,13 @@ def save_experts(folder, tasks=TASKS, architecture=SMALL):
 
 
 def merging(folders, recipe=None, instructions=INSTRUCTIONS, **changes):
-    return merge_experts(read_experts(folders), recipe or Recipe.from_json(changes), instructions)
+    cards = tuple((folder, (folder / "card.json").read_bytes()) for folder in folders)
+    return merge_experts(_experts(cards), recipe or Recipe.from_json(changes), instructions)
+
+
+@cache
+def _experts(cards):
+    return read_experts([folder for folder, _ in cards])
 
 
 def plain(folder):

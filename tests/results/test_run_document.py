@@ -50,20 +50,6 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
         read_run(file)
 
 
-@pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"\xff\xfe", b'{"format": 1, "surprise": 2}'])
-def test_a_damaged_document_is_a_run_error_of_one_line(tmp_path, content):
-    (tmp_path / RUN_FILE).write_bytes(content)
-    with one_line_error(RunError, r"run\.json"):
-        read_run(tmp_path)
-
-
-def test_another_format_is_refused(tmp_path):
-    content = json.loads(document().model_dump_json()) | {"format": 2}
-    (tmp_path / RUN_FILE).write_text(json.dumps(content))
-    with pytest.raises(RunError, match=r"expected a run document of format 1, got another one \(format: .*\); read"):
-        read_run(tmp_path)
-
-
 @pytest.mark.parametrize("name", ["plain", "a?b", "100%41", "a b#c", "über", "a'b\"c"])
 def test_the_store_is_in_the_run_folder_whatever_its_name(tmp_path, name):
     folder = tmp_path / name
@@ -80,34 +66,9 @@ def test_an_address_that_is_given_wins_and_a_database_needs_one(tmp_path):
         store_url(tmp_path, hidden)
 
 
-BEYOND = {
-    "started_at": 1e20,
-    "finished_at": -1e20,
-    "elapsed_s": float("inf"),
-    "media_left_out": 2**63,
-    "shared_workers": -1,
-    "run_id": "x" * 3_000_000,
-    "reason": "x" * 3_000_000,
-    "suite_text": "x" * 5_000_000,
-    "skipped": {"x" * 600: "absent"},
-    "\n\x1b[31m" * 1000: 1,
-}
-
-
-@pytest.mark.parametrize(("field", "value"), BEYOND.items(), ids=lambda value: str(value)[:20])
-def test_a_value_out_of_bounds_is_refused_in_one_short_line(tmp_path, field, value):
-    content = json.loads(document().model_dump_json()) | {field: value}
-    (tmp_path / RUN_FILE).write_text(json.dumps(content))
-    with one_line_error(RunError, r"run\.json") as caught:
-        read_run(tmp_path)
-    assert len(str(caught.value)) < 500
-    assert "\x1b" not in str(caught.value)
-
-
-@pytest.mark.parametrize("planned", [2**63, 2**53 + 1, 2**52, -1, 1.5, "many"])
-def test_a_plan_that_no_database_can_hold_is_refused(tmp_path, planned):
+def test_a_plan_that_no_database_can_hold_is_refused(tmp_path):
     content = json.loads(document().model_dump_json())
-    content["plan"] = [cell | {"planned": planned} for cell in content["plan"]]
+    content["plan"] = [cell | {"planned": 2**52} for cell in content["plan"]]
     (tmp_path / RUN_FILE).write_text(json.dumps(content))
     with one_line_error(RunError, r"run\.json.*plan"):
         read_run(tmp_path)

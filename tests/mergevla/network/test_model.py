@@ -175,6 +175,7 @@ def test_inputs_of_another_shape_are_refused():
         model(images, prompts, proprioception[:, :7])
 
 
+@pytest.mark.nightly
 def test_the_tiny_size_can_memorise_eight_samples():
     torch.set_num_threads(1)
     model, steps = build(TINY, 0).train(), 80

@@ -206,32 +206,15 @@ def test_an_unreadable_dataset_is_an_error(dataset, recordings, tmp_path, monkey
         find_datasets([tmp_path])
 
 
-def test_a_folder_that_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
-    info, data = tmp_path / "set/meta/info.json", tmp_path / "set/data/chunk-000/file-000.parquet"
-    sound, whole = json.loads(info.read_text()), data.read_bytes()
-
-    def refused(pattern):
-        with one_line_error(DatasetError, pattern):
-            Demonstrations(tmp_path / "set")
-
-    info.write_text(json.dumps({**sound, "codebase_version": "v2.1"}))
-    refused("expected codebase_version v3.0, got v2.1")
-    info.write_text(json.dumps({**sound, "total_frames": 99}))
-    refused("expected frames 0 to 98 in order, got 21")
-    info.write_text("{")
-    refused("expected a LeRobot dataset: JSONDecodeError")
-    info.write_text(json.dumps(sound))
-    data.write_bytes(whole[:-100])
-    refused("file-000.parquet: cannot be read")
+def test_a_data_file_that_is_cut_or_lacks_a_column_is_refused_in_one_line(dataset, tmp_path):
+    data = tmp_path / "set/data/chunk-000/file-000.parquet"
+    data.write_bytes(data.read_bytes()[:-100])
+    with one_line_error(DatasetError, "file-000.parquet: cannot be read"):
+        Demonstrations(tmp_path / "set")
     table = pq.read_table(tmp_path / "set/data/chunk-000/file-001.parquet")
     pq.write_table(table.drop_columns(["action"]), data)
-    refused("expected a column action, got none")
-    data.write_bytes(whole)
-    for features in (5, {image_key("wrist"): {"shape": 16}}, {image_key("wrist"): {}}):
-        info.write_text(json.dumps({**sound, "features": features}))
-        refused("expected a LeRobot dataset")
-    info.unlink()
-    refused("expected a LeRobot dataset: No such file")
+    with one_line_error(DatasetError, "expected a column action, got none"):
+        Demonstrations(tmp_path / "set")
 
 
 def test_a_dataset_without_episodes_is_refused(tmp_path):

@@ -253,19 +253,6 @@ def test_a_value_that_no_database_holds_is_an_error_of_one_line(store, value):
 
 
 @pytest.mark.parametrize(
-    ("url", "match"),
-    [
-        ("no url", "not a store URL"),
-        ("mysql://host/db", "expected an sqlite or postgresql URL"),
-        ("sqlite:////no/such/folder/x.sqlite", "unable to open"),
-    ],
-)
-def test_an_invalid_address_is_an_error_of_one_line(url, match):
-    with one_line_error(StoreError, match):
-        Store.open(url, "run-1")
-
-
-@pytest.mark.parametrize(
     "url",
     [
         "mysql://me:geheim@host/db",
