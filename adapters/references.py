@@ -1,4 +1,4 @@
-"""BibTeX entries of simulators and physics engines, which adapters declare for `robogauntlet cite`."""
+"""BibTeX entries of simulators and physics engines, which adapters declare for `robogauntlet report --cite`."""
 
 MANISKILL = r"""@inproceedings{tao2025maniskill3,
   title = {Demonstrating {GPU} Parallelized Robot Simulation and Rendering for Generalizable Embodied {AI} with

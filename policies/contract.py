@@ -219,7 +219,7 @@ class PolicyKind:
     without_dependencies: tuple[str, ...] = ()
     """Further requirements, which are installed without their dependencies."""
     imports: str = ""
-    """`MODULE:FUNCTION` that imports what the policy needs; `robogauntlet env check` calls it in its environment."""
+    """`MODULE:FUNCTION` that imports what the policy needs; `robogauntlet env list` calls it in its environment."""
     files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None
     """Returns the policy's files under these options, for cluster nodes that lack them; None if it needs none."""
     named: Callable[[str], Mapping[str, Any] | None] | None = None

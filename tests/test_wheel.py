@@ -41,7 +41,7 @@ from robogauntlet.orchestrator.cli import app
 from typer.testing import CliRunner
 
 for suite in sys.argv[1:]:
-    done = CliRunner().invoke(app, ["validate", suite])
+    done = CliRunner().invoke(app, ["plan", "--check", suite])
     assert done.exit_code == 0, (suite, done.output, done.exception)
 """
 
@@ -171,7 +171,7 @@ def test_a_checkout_without_links_makes_no_wheel(tmp_path):
 @pytest.mark.nightly
 def test_the_action_installs_into_a_new_python(runner, environment):
     (runner.folder / "suite.yaml").write_text("name: two\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
-    code, output, _ = runner.run_script("command -v robogauntlet && robogauntlet validate suite.yaml")
+    code, output, _ = runner.run_script("command -v robogauntlet && robogauntlet plan --check suite.yaml")
     assert code == 0, output
     assert output.startswith(f"{environment / 'bin' / 'robogauntlet'}\n")
     assert "suite.yaml: valid, 2 episodes" in output

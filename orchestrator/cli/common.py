@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -111,10 +111,6 @@ PolicyOptions = Annotated[
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]
-Check = Annotated[
-    bool,
-    typer.Option("--check", help="Import the code that the suite names, contact its policy servers, as a run does."),
-]
 OwnSuite = Annotated[
     str | None,
     typer.Option(
@@ -151,6 +147,12 @@ def suite_settings(
         raise BadInput(f"--workers: expected auto, or a number from 1 to {MAX_WORKERS}, got '{workers}'")
     given = dict(zip(SETTINGS, (success, image_size, replan_every, render_profile, count), strict=True))
     return {name: value for name, value in given.items() if value is not None}
+
+
+def refuse(mode: str, given: Mapping[str, Any]) -> None:
+    """Raise BadInput if a value is given, by the name of its option, that `mode` has no use for."""
+    if unused := next((name for name, value in given.items() if value is not None and value is not False), None):
+        raise BadInput(f"{unused}: expected without {mode}")
 
 
 def fail(message: str) -> None:

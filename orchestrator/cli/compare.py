@@ -20,6 +20,7 @@ from robogauntlet.orchestrator.cli.common import (
     print_json,
     print_line,
     print_text,
+    refuse,
 )
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.runs.regression_check import check_regression
@@ -114,7 +115,7 @@ def compare(
     store: StoreUrl = None,
     url: HistoryUrl = None,
 ) -> None:
-    """Compare two policies, all policies of a run or of a suite, or a run with its baseline, episode by episode.
+    """Compare policies, or a run with its baseline, episode by episode.
 
     RUN:A RUN:B (or OTHER:B) gives the difference of two policies with interval and exact test; RUN alone compares its
     policies with each other; RUN BASELINE looks for regressions of policies of the same name, and so does RUN --gate,
@@ -126,11 +127,11 @@ def compare(
     mode = _mode({"--gate": gate, "--all": everything, "--accept": accept})
     given = {"OTHER": other, "--policy": policy, "--allow": allow, "--margin": margin, "--out": file, "--store": store}
     if mode == "--accept":
-        _refuse(mode, given | {"--alpha": alpha, "--imported": imported})
+        refuse(mode, given | {"--alpha": alpha, "--imported": imported})
         _accept(run, url)
         return
     if mode == "--all":
-        _refuse(mode, given)
+        refuse(mode, given)
         _print_leaderboard(run, alpha or ALPHA, form, url, imported=imported)
         return
     if imported:
@@ -175,12 +176,6 @@ def _mode(given: Mapping[str, bool]) -> str | None:
     if len(modes) > 1:
         raise BadInput(f"expected one of {', '.join(given)}, got {' and '.join(modes)}")
     return modes[0] if modes else None
-
-
-def _refuse(mode: str, given: Mapping[str, Any]) -> None:
-    """Raise BadInput if something is given that a mode has no use for."""
-    if unused := next((name for name, value in given.items() if value), None):
-        raise BadInput(f"{unused}: expected without {mode}")
 
 
 def parse_side(text: str) -> tuple[Path, str | None]:

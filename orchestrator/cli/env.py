@@ -65,8 +65,22 @@ def create(
 
 
 @app.command("list")
-def list_environments() -> None:
-    """List the environments of simulators, and unused environment folders."""
+def list_environments(
+    name: Annotated[
+        str | None, typer.Argument(help="Only this one: its declaration, folder and versions, and whether it fits.")
+    ] = None,
+    suite: InSuite = None,
+) -> None:
+    """List the environments of simulators, or show and check one.
+
+    Unused environment folders are listed, too. An environment fits if it has what its simulator needs, undamaged, and
+    matches the running environment; exit code 1 if the one that is named does not.
+    """
+    if name is not None:
+        _show(name, suite)
+        return
+    if suite is not None:
+        raise BadInput("--suite: expected with the name of an environment")
     environments = EnvironmentResolver()
     table = Table("environment", "declared by", "state", "folder", box=None, pad_edge=False)
     used: set[Path] = set()
@@ -92,8 +106,17 @@ def list_environments() -> None:
 
 
 @app.command()
-def show(name: Name, suite: InSuite = None) -> None:
-    """Show the declaration, the folder and the versions of an environment."""
+def remove(name: Name) -> None:
+    """Remove all environments of that name."""
+    removed = installer.remove(name)
+    if not removed:
+        raise BadInput(f"{name}: no environment of that name; see: robogauntlet env list")
+    for folder in removed:
+        print_line(f"removed {folder}")
+
+
+def _show(name: str, suite: str | None) -> None:
+    """Print the declaration, the folder and the versions of an environment, and whether it fits."""
     simulator, environment = _find(name, suite)
     contents, manifest = check(environment, simulator), environment.manifest
     created = "no"
@@ -113,26 +136,6 @@ def show(name: Name, suite: InSuite = None) -> None:
         table.add_row(key, value)
     out.print(table, soft_wrap=True)
     _report_fit(environment, simulator)
-
-
-@app.command("check")
-def check_environment(name: Name, suite: InSuite = None) -> None:
-    """Check that an environment has what its simulator needs, undamaged, and matches the running environment.
-
-    Exit code 1 if it does not fit.
-    """
-    simulator, environment = _find(name, suite)
-    _report_fit(environment, simulator)
-
-
-@app.command()
-def remove(name: Name) -> None:
-    """Remove all environments of that name."""
-    removed = installer.remove(name)
-    if not removed:
-        raise BadInput(f"{name}: no environment of that name; see: robogauntlet env list")
-    for folder in removed:
-        print_line(f"removed {folder}")
 
 
 def _find(name: str, suite: str | None) -> tuple[EnvironmentUser, Environment]:

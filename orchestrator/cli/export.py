@@ -1,4 +1,4 @@
-"""`robogauntlet export`: write a run, or its rows, as one file, or its episodes as datasets."""
+"""`robogauntlet export`: write a run, its rows or its episodes, or send its results to a tracker."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import OwnSuite, RunArgument, StoreUrl, out, print_line
+from robogauntlet.orchestrator.cli.common import OwnSuite, RunArgument, StoreUrl, out, print_line, refuse
 from robogauntlet.orchestrator.cli.new.demonstrations import conclude_recording
 from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.playable_suite import playable_suite
 from robogauntlet.orchestrator.runs.progress_display import RecordingProgress
-from robogauntlet.results.api import OpenRun
+from robogauntlet.orchestrator.trackers import PROJECT, TrackerName, open_tracker
+from robogauntlet.results.api import OpenRun, open_run
 from robogauntlet.results.report import export_formats
 from robogauntlet.results.report.formatting import counted, spreadsheet_cell
 from robogauntlet.results.run_document import RunDocument, read_run
@@ -93,13 +94,29 @@ def export(
         ),
     ] = None,
     media: Annotated[bool, typer.Option("--media", help="run: with its videos and pictures.")] = False,
+    tracker: Annotated[
+        TrackerName | None,
+        typer.Option(help="Send the results to this experiment tracker instead; what was sent before is updated."),
+    ] = None,
+    project: Annotated[
+        str | None, typer.Option(help=f"With --tracker: project of W&B, experiment of MLflow ({PROJECT}).")
+    ] = None,
     store: StoreUrl = None,
     suite: OwnSuite = None,
 ) -> None:
-    """Write a run, or its rows, as one file, or its episodes as datasets.
+    """Write a run as a file, table or datasets, or send it to a tracker.
 
     With --format lerobot-dataset, episodes are replayed and recorded frame by frame, for retraining.
     """
+    if tracker is not None:
+        given = {"--policy": policy, "--task": task, "--condition": condition, "--status": status, "--limit": limit}
+        refuse("--tracker", given | {"--out": file, "--media": media, "--suite": suite})
+        opened = open_run(run, store)
+        address = open_tracker(tracker, project or PROJECT).send(opened.document, opened.tables(), run.absolute().name)
+        print_line(f"logged: {address}")
+        return
+    if project is not None:
+        raise BadInput("--project: expected with --tracker")
     file = file or Path(f"{run.absolute().name}{SUFFIXES[form]}")
     if form is Format.LEROBOT_DATASET:
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))

@@ -22,7 +22,7 @@ def import_run(
     folder: Annotated[Path | None, typer.Option("--out", help="New run folder; by default under runs/.")] = None,
     url: HistoryUrl = None,
 ) -> None:
-    """Create a run folder from an exported run, to report and compare its rows.
+    """Create a run folder from an exported run.
 
     The report is written, and the run is recorded in the history.
     """

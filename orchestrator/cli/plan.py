@@ -1,17 +1,18 @@
-"""`robogauntlet plan`: show what a suite would run."""
+"""`robogauntlet plan`: show what a suite would run, or check suites."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
 from robogauntlet.orchestrator.cli.common import (
+    EXIT_BAD_INPUT,
     AsJson,
-    Check,
     ImageSizeSetting,
     Policies,
     PolicyOptions,
@@ -20,13 +21,13 @@ from robogauntlet.orchestrator.cli.common import (
     SeedCount,
     StoreUrl,
     Success,
-    SuiteArgument,
     Tasks,
     WorkersSetting,
     fail,
     out,
     print_json,
     print_line,
+    refuse,
     suite_settings,
 )
 from robogauntlet.orchestrator.cli.episodes_needed import (
@@ -40,18 +41,36 @@ from robogauntlet.orchestrator.cli.episodes_needed import (
 )
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
-from robogauntlet.orchestrator.runs.plan import check_same, fitted, make_plan, remaining_work
-from robogauntlet.orchestrator.runs.suite_names import needs_policy
+from robogauntlet.orchestrator.runs.plan import Plan, check_same, fitted, make_plan, remaining_work
+from robogauntlet.orchestrator.runs.suite_names import PlanError, needs_policy
 from robogauntlet.policies.references import read_options
 from robogauntlet.results.run_document import RUN_FILE, read_run
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted
 
 
 def plan(
-    suite: SuiteArgument,
+    suites: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SUITE...", help="A suite file, or the name of a shipped suite; several of them with --check."
+        ),
+    ],
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Only check the suites: report every mistake with its line, and what is missing here."
+        ),
+    ] = False,
+    start: Annotated[
+        bool,
+        typer.Option(
+            "--start", help="Import the code that the suite names, contact its policy servers, as a run does."
+        ),
+    ] = False,
     policy: Policies = None,
     option: PolicyOptions = None,
     task: Tasks = None,
@@ -69,13 +88,12 @@ def plan(
     detect: Detect = None,
     rate: Rate = None,
     discordance: Discordance = None,
-    check: Check = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show the episodes that a suite plans, without starting anything.
+    """Show the episodes of a suite, starting nothing, or check suites.
 
     Episodes of simulators that are not installed on this machine are shown as skipped. Nothing that a suite names is
-    imported, contacted or started, unless --check is given.
+    imported, contacted or started, unless --start is given.
 
     How many seeds? --width POINTS and --detect POINTS say how many an interval or a comparison needs, from the episodes
     of a run (--out) or from an assumption.
@@ -83,7 +101,13 @@ def plan(
     asked = Asked.from_options(width, detect, rate, discordance)
     settings = suite_settings(success, image_size, replan_every, render_profile, workers)
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()), settings)
-    planned = make_plan(find_suite(suite), part=part, require_installed=False, start=check)
+    if check:
+        refuse("--check", {"--out": out_folder, "--store": store, "--width": width, "--detect": detect})
+        _check(suites, part, start=start, as_json=as_json)
+        return
+    if len(suites) > 1:
+        raise BadInput(f"expected one suite, got {len(suites)}; to check several: robogauntlet plan --check SUITE...")
+    planned = make_plan(find_suite(suites[0]), part=part, require_installed=False, start=start)
     if planned.suite.needs is not None:
         raise BadInput(needs_policy(planned.path, part.policies))
     done: Outcomes = {}
@@ -137,3 +161,43 @@ def plan(
         fail(f"{name} is skipped: {reason}")
     for name, reason in planned.unchecked.items():
         print_line(f"note: {name} was not checked: {reason}")
+
+
+def _check(suites: list[str], part: SuiteSelection, *, start: bool, as_json: bool) -> None:
+    """Report every mistake of suites with its line; exit if there is one."""
+    found: list[dict[str, Any]] = []
+    for suite in suites:
+        try:
+            plan = make_plan(find_suite(suite), part=part, require_installed=False, start=start)
+        except (SuiteError, PlanError) as error:
+            found.append({"suite": suite, "mistakes": str(error).splitlines()})
+        else:
+            numbers = {"episodes": plan.episodes, "hash": plan.suite_hash}
+            found.append({"suite": str(plan.path), "mistakes": [], **numbers, "notes": list(_notes(plan))})
+    if as_json:
+        print_json(found)
+    for row in [] if as_json else found:
+        for mistake in row["mistakes"]:
+            fail(mistake)
+        if not row["mistakes"]:
+            print_line(f"{row['suite']}: valid, {counted(row['episodes'], 'episode')}, hash {row['hash']}")
+            for note in row["notes"]:
+                print_line(f"  note: {note}")
+    if any(row["mistakes"] for row in found):
+        raise typer.Exit(EXIT_BAD_INPUT)
+
+
+def _notes(plan: Plan) -> Iterator[str]:
+    """What is missing in the suite or on this machine."""
+    if plan.suite.needs is not None:
+        suite = plan.suite
+        episodes = len(suite.tasks) * len(suite.all_conditions()) * suite.seeds.count * (1 + len(suite.policies))
+        yield f"needs a policy, to play {counted(episodes, 'episode')}; add --policy to robogauntlet run"
+    yield from plan.notes
+    yield from plan.warnings
+    for simulator, reason in plan.unavailable.items():
+        yield f"simulator {simulator}: {reason}"
+    if plan.unchecked:
+        names = ", ".join(list(plan.unchecked)[:3]) + (", ..." if len(plan.unchecked) > 3 else "")
+        reasons = "; ".join(dict.fromkeys(plan.unchecked.values()))
+        yield f"not checked whether the policies {names} fit the suite: {reasons}"

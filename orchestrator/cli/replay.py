@@ -1,4 +1,4 @@
-"""`robogauntlet replay`: replay a stored episode and record a video of it."""
+"""`robogauntlet replay`: replay a stored episode and record a video of it, or verify a run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import OwnSuite, StoreUrl, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.cli.common import OwnSuite, StoreUrl, fail, newest_run, out, print_line, refuse
+from robogauntlet.orchestrator.cli.verification import verify_run
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
 from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
@@ -29,24 +30,27 @@ from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted, visible
 
 
-def replay_episode(
+def replay(
     episode_id: Annotated[
         str | None,
         typer.Argument(
+            metavar="[EPISODE]",
             help="Id of a stored episode, or the beginning of it (robogauntlet list episodes); or --policy, --task "
-            "and --seed.",
+            "and --seed. With --verify: the run folder.",
             show_default=False,
         ),
     ] = None,
     folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
     policy: Annotated[str | None, typer.Option(help="The episode of this policy.")] = None,
     task: Annotated[str | None, typer.Option(help="The episode in this task (simulator/task).")] = None,
-    seed: Annotated[int | None, typer.Option(help="The episode with this seed.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="The episode with this seed; with --verify, the seed of the random choice (0).")
+    ] = None,
     at: Annotated[
         str | None,
         typer.Option("--condition", metavar="AXIS@SEVERITY", help="The episode under it; by default the clean one."),
     ] = None,
-    given: Annotated[
+    added: Annotated[
         list[str] | None,
         typer.Option("--with", metavar="AXIS@SEVERITY", help="Play it also with this axis. May be repeated."),
     ] = None,
@@ -54,14 +58,32 @@ def replay_episode(
         list[str] | None, typer.Option("--without", metavar="AXIS", help="Play it also without this axis of its own.")
     ] = None,
     video: Annotated[Path | None, typer.Option(help="MP4 file to write; by default in the run folder.")] = None,
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify", help="Check the rows of the run against their hash, and replay a sample of its episodes."
+        ),
+    ] = False,
+    sample: Annotated[
+        int | None, typer.Option(min=0, help="With --verify: number of random episodes to replay (12).")
+    ] = None,
     store: StoreUrl = None,
     suite: OwnSuite = None,
 ) -> None:
-    """Replay a stored episode, compare it with its row and record a video.
+    """Replay a stored episode and record a video, or verify a run.
 
-    With --with or --without it is played once more, changed in this one thing, and the video shows both side by side.
-    Exit code 1 if the outcome differs from the row.
+    The episode is compared with its row. With --with or --without it is played once more, changed in this one thing,
+    and the video shows both side by side.
+    Exit code 1 if something differs from the rows.
     """
+    if verify:
+        given = {"--run": folder and episode_id, "--policy": policy, "--task": task, "--condition": at}
+        refuse("--verify", given | {"--with": added, "--without": left_out, "--video": video})
+        run = folder or (newest_run() if episode_id is None else Path(episode_id))
+        verify_run(run, 12 if sample is None else sample, seed or 0, store, suite)
+        return
+    if sample is not None:
+        raise BadInput("--sample: expected with --verify")
     named = {"--policy": policy, "--task": task, "--seed": seed, "--condition": at}
     if episode_id is not None and (beside := next((name for name, value in named.items() if value is not None), None)):
         raise BadInput(f"expected an episode's id or {beside}, got both")
@@ -74,8 +96,8 @@ def replay_episode(
         raise BadInput(f"{folder}: no episode {episode_id}; ids are listed by: robogauntlet list episodes {folder}")
     if row.episode_id != row.episode.id:
         raise BadInput(f"{folder}: the row of episode {visible(row.episode_id)} is that of another; it is not replayed")
-    changes = given or left_out
-    condition = changed_condition(row.episode.condition, given or (), left_out or ()) if changes else None
+    changes = added or left_out
+    condition = changed_condition(row.episode.condition, added or (), left_out or ()) if changes else None
     if condition is not None and (reason := why_impossible(condition, row.task)):
         raise BadInput(f"{row.task} cannot have {condition}: {reason}")
     if video is None:

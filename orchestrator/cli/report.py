@@ -1,4 +1,4 @@
-"""`robogauntlet report`: write the report of a run again, or print its success table."""
+"""`robogauntlet report`: write the report of a run again, or print its success table or BibTeX."""
 
 from __future__ import annotations
 
@@ -8,10 +8,20 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, newest_run, print_line, print_text
+from robogauntlet.orchestrator.cli.citations import bibtex
+from robogauntlet.orchestrator.cli.common import (
+    RUNS,
+    NewestRunArgument,
+    StoreUrl,
+    newest_run,
+    print_line,
+    print_text,
+    refuse,
+)
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.results.report.figures import FOLDER, FigureFormat, check_matplotlib, write_figures
 from robogauntlet.results.report.success_table import TableFormat, render_table, success_table
+from robogauntlet.results.run_document import RUN_FILE
 from robogauntlet.suites.conditions import condition_patterns, split_condition
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.plugins import did_you_mean
@@ -32,17 +42,29 @@ def report(
         FigureFormat | None,
         typer.Option(help='Also write figures for a paper, in this format. Needs pip install "robogauntlet[figures]".'),
     ] = None,
+    cite: Annotated[
+        bool,
+        typer.Option(
+            "--cite",
+            help="Print BibTeX of RoboGauntlet, and of the suite and the simulators of the run, instead; nothing is "
+            "written.",
+        ),
+    ] = False,
     condition: Annotated[
         str | None,
         typer.Option(metavar="AXIS[@SEVERITY]", help="Condition of the table; by default the first of the run."),
     ] = None,
 ) -> None:
-    """Write the report of a run again.
+    """Write the report of a run again, or print its table or BibTeX.
 
     The report consists of report.html, report.md, summary.json, cells.csv and episodes.parquet. With --table, the
     success table is printed: tasks in rows, policies in columns. With --figures, the plots are also written as files
     into the folder figures of the run.
     """
+    if cite:
+        refuse("--cite", {"--table": table, "--figures": figures, "--condition": condition, "--store": store})
+        print_text(bibtex(folder or (newest_run() if any(RUNS.glob(f"*/{RUN_FILE}")) else None)))
+        return
     if table is not None and figures is not None:
         raise BadInput("expected --table, which writes nothing, or --figures, got both")
     if condition is not None and table is None:

@@ -35,7 +35,7 @@ def resume(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print a line for each episode.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but problems.")] = False,
 ) -> None:
-    """Continue a run of yours: play its missing episodes as it was begun.
+    """Continue a run of yours as it was begun.
 
     Suite, policies, store, history and all other options are those in the run folder.
     """

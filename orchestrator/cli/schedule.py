@@ -33,8 +33,19 @@ DEFAULT = Path("schedules.yaml")
 
 
 @app.command("list")
-def list_schedules(file: File = DEFAULT) -> None:
-    """Check a file of schedules and their suites, and list when each is due next."""
+def list_schedules(
+    file: File = DEFAULT,
+    test_message: Annotated[
+        bool, typer.Option("--test-message", help="Only send a test notification to all recipients.")
+    ] = False,
+) -> None:
+    """Check a file of schedules, and list when each is due.
+
+    Their suites are checked, too.
+    """
+    if test_message:
+        _send_test_message()
+        return
     rows = []
     for one in _checked(file):
         times = f"{one.cron} {one.timezone}"
@@ -81,19 +92,6 @@ def serve(file: File = DEFAULT, public_url: PublicUrl = None, url: HistoryUrl = 
         runner.serve(schedules)
 
 
-@app.command("test-message")
-def test_message() -> None:
-    """Send a test notification to all recipients."""
-    recipients = notifiers(os.environ)
-    if not recipients:
-        variables = "ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/operating.md)"
-        raise BadInput(f"no recipient: set {variables}")
-    message = Message("RoboGauntlet: a test", ("If you read this, notifications arrive.",), "none")
-    if problems := send_all(message, recipients):
-        raise BadInput("\n".join(problems))
-    out.print("sent")
-
-
 def _checked(file: Path) -> list[Schedule]:
     """The schedules of a file, whose suites can be planned. Raises BadInput, SuiteError."""
     schedules = read_schedules(file)
@@ -102,6 +100,18 @@ def _checked(file: Path) -> list[Schedule]:
     for schedule in schedules:
         make_plan(find_suite(schedule.suite))
     return schedules
+
+
+def _send_test_message() -> None:
+    """Send a test notification to all recipients; raises BadInput if one does not get it."""
+    recipients = notifiers(os.environ)
+    if not recipients:
+        variables = "ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/operating.md)"
+        raise BadInput(f"no recipient: set {variables}")
+    message = Message("RoboGauntlet: a test", ("If you read this, notifications arrive.",), "none")
+    if problems := send_all(message, recipients):
+        raise BadInput("\n".join(problems))
+    out.print("sent")
 
 
 @contextmanager

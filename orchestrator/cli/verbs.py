@@ -16,64 +16,60 @@ from typer.main import get_group
 Verbs = Mapping[str, tuple["str | Verbs", str]]
 VERBS: Verbs = {
     "run": (".run:run", "Run a suite, or continue a run, and write its report."),
-    "resume": (".resume:resume", "Continue a run of yours: play its missing episodes as it was begun."),
-    "plan": (".plan:plan", "Show the episodes that a suite plans, without starting anything."),
-    "validate": (".validate:validate", "Check suite files and report every mistake with its line."),
-    "report": (".report:report", "Write the report of a run again."),
-    "cite": (".cite:cite", "Print BibTeX of RoboGauntlet, and of the suite and the simulators of a run."),
+    "resume": (".resume:resume", "Continue a run of yours as it was begun."),
+    "plan": (".plan:plan", "Show the episodes of a suite, starting nothing, or check suites."),
+    "report": (".report:report", "Write the report of a run again, or print its table or BibTeX."),
     "compare": (
         ".compare:compare",
-        "Compare two policies, all policies of a run or of a suite, or a run with its baseline, episode by episode.",
+        "Compare policies, or a run with its baseline, episode by episode.",
     ),
-    "replay": (".replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
-    "verify": (".verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
+    "replay": (
+        ".replay:replay",
+        "Replay a stored episode and record a video, or verify a run.",
+    ),
     "search": (
         {
             "disturbance": (
                 ".search.disturbance:search",
-                "Find the smallest disturbance that breaks a policy, along each axis and combined, and confirm it.",
+                "Find the smallest disturbance that breaks a policy.",
             ),
             "checkpoint": (
                 ".search.checkpoint:search",
-                "Find the first checkpoint that is worse than --good by at least half of its difference to --bad.",
+                "Find the first checkpoint that became worse.",
             ),
         },
-        "Find the smallest disturbance that breaks a policy, or the checkpoint that became worse.",
-    ),
-    "profile": (
-        ".profile:profile",
-        "Show how far an episode in each simulator is from its bound: physics, frames and answers.",
+        "Find what breaks a policy, or the checkpoint that became worse.",
     ),
     "list": (
         {
             "simulators": (
                 ".list.names:list_simulators",
-                "List the simulators: versions, tasks, tasks with an oracle, and what perturbations can adjust.",
+                "List the simulators with their versions and numbers of tasks.",
             ),
             "tasks": (
                 ".list.names:list_tasks",
-                "List the tasks of all simulators, with what policies are told in them.",
+                "List the tasks of all simulators with their instructions.",
             ),
             "policies": (".list.names:list_policies", "List the kinds of policies."),
             "suites": (".list.names:list_suites", "List the suites that are shipped."),
-            "axes": (".list.axes:list_axes", "List the perturbation axes with their severities, or show or draw one."),
+            "axes": (".list.axes:list_axes", "List the perturbation axes with their severities, or show one."),
             "runs": (".list.runs:list_runs", "List runs, or show the success of a policy over its runs."),
             "episodes": (
                 ".list.episodes:list_episodes",
-                "List the episodes of a run, with the ids that `robogauntlet replay` takes.",
+                "List the episodes of a run with the ids that `replay` takes.",
             ),
         },
-        "List simulators, tasks, policies, suites, axes, runs, or the episodes of a run.",
+        "List simulators, tasks, policies, suites, axes, runs or episodes.",
     ),
     "check": (
         {
             "installation": (
                 ".check.installation:check",
-                "Check that the installed simulators open and render on this machine.",
+                "Check that the installed simulators open and render.",
             ),
             "adapter": (
                 ".check.adapter:check",
-                "Check an adapter against its contract, each task in a separate process.",
+                "Check an adapter against its contract.",
             ),
             "policy": (".check.policy:check", "Play short episodes of a policy and say what its numbers do."),
         },
@@ -85,14 +81,16 @@ VERBS: Verbs = {
             "policy": (".new.policy:new", "Create a folder with a policy, its tests and a suite."),
             "demonstrations": (
                 ".new.demonstrations:new",
-                "Record successful episodes of the oracles as LeRobot v3 datasets.",
+                "Record successful episodes of the oracles as datasets.",
             ),
         },
         "Create an adapter or a policy, or record demonstrations.",
     ),
-    "export": (".export:export", "Write a run, or its rows, as one file, or its episodes as datasets."),
-    "import": (".import_run:import_run", "Create a run folder from an exported run, to report and compare its rows."),
-    "log": (".log:log", "Send the results of a run to an experiment tracker."),
+    "export": (
+        ".export:export",
+        "Write a run as a file, table or datasets, or send it to a tracker.",
+    ),
+    "import": (".import_run:import_run", "Create a run folder from an exported run."),
     "serve": (
         {
             "dashboard": (".serve.dashboard:serve", "Serve the dashboard."),

@@ -210,7 +210,7 @@ def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:
     if plan.suite_hash == document.suite_hash:
         return
     if plan.suite_hash == UNKNOWN and plan.unchecked:
-        raise PlanError(f"{folder}: its episodes are {UNKNOWN}, for which --check starts what the suite names")
+        raise PlanError(f"{folder}: its episodes are {UNKNOWN}, for which --start starts what the suite names")
     begun = {cell.policy: cell.policy_digest for cell in document.plan}
     changed = [name for name, source in plan.sources.items() if begun.get(name, source.digest) != source.digest]
     if document.suite.name != plan.suite.name:

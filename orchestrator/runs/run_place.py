@@ -27,7 +27,7 @@ from robogauntlet.results.store.episode_store import Store
 from robogauntlet.support.errors import describe_os_error
 from robogauntlet.support.files import write_whole
 
-UNMARKED = "verify and replay will need --suite FILE, and a history that does not know the run records it as imported"
+UNMARKED = "replay will need --suite FILE, and a history that does not know the run records it as imported"
 
 
 class RunPlace:

@@ -31,7 +31,7 @@ from robogauntlet.suites.loading import Problem, policy_lines, problem_at
 from robogauntlet.suites.ranges import LARGEST_IMAGE, SMALLEST_IMAGE
 from robogauntlet.suites.schema import PolicyEntry, Suite
 
-NOT_STARTED = "nothing that a suite names is imported or contacted; --check does"
+NOT_STARTED = "nothing that a suite names is imported or contacted; --start does"
 """Why a policy was not checked."""
 NO_WISHES = Wishes()
 

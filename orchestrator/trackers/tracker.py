@@ -139,7 +139,7 @@ class Tracker(Observer, ABC):
             with self._refusals():
                 yield
         except TrackerError as error:
-            command = f"robogauntlet log {run.folder} --to {self.name} --project {self._project!r}"
+            command = f"robogauntlet export {run.folder} --tracker {self.name} --project {self._project!r}"
             raise TrackerError(f"{error}; the run goes on, to send its results later: {command}") from None
 
     @contextmanager

@@ -13,7 +13,7 @@ from tests.processes import environment_of
 
 TIMES = 5
 MISTYPED = "run smok"
-COMMANDS = ("--version", "validate smoke", "validate mergevla", "plan mergevla", MISTYPED)
+COMMANDS = ("--version", "plan --check smoke", "plan --check mergevla", "plan mergevla", MISTYPED)
 
 
 def measure() -> list[dict[str, object]]:

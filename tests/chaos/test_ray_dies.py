@@ -119,7 +119,7 @@ def test_the_death_of_ray_is_reported_while_large_results_arrive(start):
 def test_verify_reports_the_death_of_ray(start, suite, tmp_path):
     folder = tmp_path / "run"
     assert start("run", suite, "--out", folder, "--no-media").end() == (0, [])
-    command = start("verify", folder, "--sample", 160)
+    command = start("replay", "--verify", folder, "--sample", 160)
     command.kill_raylet_when(lambda: "null/Slow" in command.log.read_text())
     assert command.end() == (1, [])
     assert "died (exit status -9); verify again" in command.log.read_text()

@@ -48,9 +48,9 @@ def check(
     time_limit: Annotated[float, typer.Option(help="Time limit of a check (s).", min=1.0)] = TIME_LIMIT_S,
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
 ) -> None:
-    """Check an adapter against its contract, each task in a separate process.
+    """Check an adapter against its contract.
 
-    Exit code 1 if a check failed.
+    Each task is checked in a separate process.     Exit code 1 if a check failed.
     """
     simulator = _find(name)
     wanted = checks_for(_tasks(simulator, task, all_tasks), _checks(only), every=all_tasks)

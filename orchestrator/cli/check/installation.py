@@ -33,7 +33,7 @@ LISTENS = {
 
 
 def check(as_json: AsJson = False) -> None:
-    """Check that the installed simulators open and render on this machine.
+    """Check that the installed simulators open and render.
 
     Each simulator is opened in a separate process and renders one frame. Exit code 1 if something that is installed
     does not work, or if no simulator is installed.

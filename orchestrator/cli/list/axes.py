@@ -43,7 +43,7 @@ def list_axes(
         int, typer.Option(min=16, max=1024, help="With --pictures: height and width of each image (px).")
     ] = 128,
 ) -> None:
-    """List the perturbation axes with their severities, or show or draw one."""
+    """List the perturbation axes with their severities, or show one."""
     if pictures is not None:
         if name is None:
             raise BadInput("--pictures: expected the axis to draw, as in robogauntlet list axes noise --pictures FILE")

@@ -27,7 +27,7 @@ def list_episodes(
     store: StoreUrl = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the episodes of a run, with the ids that `robogauntlet replay` takes."""
+    """List the episodes of a run with the ids that `replay` takes."""
     folder = run or newest_run()
     chosen = EpisodeFilter(
         tuple(policy or ()),

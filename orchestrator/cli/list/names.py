@@ -30,7 +30,7 @@ MOST_LINES = 200
 
 
 def list_simulators(as_json: AsJson = False) -> None:
-    """List the simulators: versions, tasks, tasks with an oracle, and what perturbations can adjust."""
+    """List the simulators with their versions and numbers of tasks."""
     environments, rows, missing = EnvironmentResolver(), list[Row](), dict[str, str]()
     for one in simulators.simulators().values():
         if one.internal:
@@ -59,7 +59,7 @@ def list_tasks(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the tasks of all simulators, with what policies are told in them."""
+    """List the tasks of all simulators with their instructions."""
     rows = _tasks(patterns or ())
     _show("tasks", rows if patterns or as_json else _abbreviated(rows), as_json=as_json)
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_history, out, print_json, print_line
+from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_history, out, print_json, print_line, refuse
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.folder_lock import LOCK_FILE
 from robogauntlet.results.report.formatting import TextTable, count, counted
@@ -57,9 +57,7 @@ def list_runs(
 ) -> None:
     """List runs, or show the success of a policy over its runs."""
     if forget is not None:
-        given = {"POLICY": policy, "--suite": suite, "--task": task, "--out": file, "--json": as_json}
-        if unused := next((name for name, value in given.items() if value), None):
-            raise BadInput(f"{unused}: expected without --forget")
+        refuse("--forget", {"POLICY": policy, "--suite": suite, "--task": task, "--out": file, "--json": as_json})
         _forget(forget, url, delete=delete)
         return
     if delete:

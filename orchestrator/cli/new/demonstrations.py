@@ -62,10 +62,10 @@ def new(
         bool, typer.Option("--whole", help="With --learner: also record the oracle's actions while the learner acts.")
     ] = False,
 ) -> None:
-    """Record successful episodes of the oracles as LeRobot v3 datasets.
+    """Record successful episodes of the oracles as datasets.
 
-    The executed actions contain noise, the recorded ones do not. Cameras, image size and render profile are by default
-    those of the first suite that is named.
+    The format is LeRobot's, version 3. The executed actions contain noise, the recorded ones do not. Cameras, image
+    size and render profile are by default those of the first suite that is named.
     """
     tasks, suggested = resolve(names)
     view = View(

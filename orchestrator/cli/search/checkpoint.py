@@ -66,10 +66,11 @@ def search(
     history: HistoryUrl = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the first checkpoint that is worse than --good by at least half of its difference to --bad.
+    """Find the first checkpoint that became worse.
 
-    Plays as few episodes as a sequential test allows. The answer, a checkpoint or a range of them, is right with a
-    probability of at least 95 %, whatever the number of checkpoints.
+    Worse is a checkpoint that loses at least half of the difference between --good and --bad. Plays as few episodes as
+    a sequential test allows. The answer, a checkpoint or a range of them, is right with a probability of at least 95 %,
+    whatever the number of checkpoints.
 
     Exit codes: 0 found, 2 bad input or the ends do not differ, 3 stopped early or the seeds did not decide (a range is
     printed), 130 interrupted; the same command with --out continues.

@@ -63,11 +63,11 @@ def search(
     seed: Annotated[int, typer.Option(min=0, max=MAX_COUNT, help="Draws the random directions.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Find the smallest disturbance that breaks a policy, along each axis and combined, and confirm it.
+    """Find the smallest disturbance that breaks a policy.
 
-    Broken means that success is below half (--below) of the clean rate; small means a small severity, of a combination
-    the Euclidean norm of its severities. Three fifths of the budget search, the rest plays what was found on fresh
-    seeds, from 10,000 on.
+    It is searched along each axis and combined, and confirmed. Broken means that success is below half (--below) of the
+    clean rate; small means a small severity, of a combination the Euclidean norm of its severities. Three fifths of the
+    budget search, the rest plays what was found on fresh seeds, from 10,000 on.
     """
     (entry,) = with_options([read_reference(policy)], read_options(option or ()))
     request = SearchRequest(entry, tuple(task), tuple(axis or ()), budget, below / 100, seed, success)

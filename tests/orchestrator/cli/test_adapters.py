@@ -1,4 +1,4 @@
-"""The verbs of `robogauntlet adapters`: list, new, check."""
+"""`robogauntlet new adapter` and `check adapter`, and the list of simulators."""
 
 import json
 import sys

@@ -69,7 +69,9 @@ def test_a_file_that_is_no_history_is_not_turned_into_one(run_command, tmp_path,
 READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
 
 
-@pytest.mark.parametrize("verb", [("verify", "--sample", "0"), ("export", "--out", "new")], ids=lambda v: v[0])
+@pytest.mark.parametrize(
+    "verb", [("replay", "--verify", "--sample", "0"), ("export", "--out", "new")], ids=lambda v: v[0]
+)
 def test_a_store_in_a_read_only_folder_says_what_to_do(runs, tmp_path, verb):
     own_mounts = ["unshare", "--map-root-user", "--mount", "sh", "-c", READ_ONLY, runs]
     if run_process([*own_mounts, "true"]).returncode:

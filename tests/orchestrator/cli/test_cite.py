@@ -1,4 +1,4 @@
-"""`robogauntlet cite`."""
+"""`robogauntlet report --cite`."""
 
 import re
 
@@ -16,7 +16,7 @@ def keys(text):
 
 
 def test_without_a_run_the_tool_is_cited(run_command):
-    done = run_command("cite")
+    done = run_command("report", "--cite")
     assert keys(done.out) == ["robogauntlet"]
     assert f"  version = {{{robogauntlet.__version__}}}\n" in done.out
 
@@ -24,7 +24,7 @@ def test_without_a_run_the_tool_is_cited(run_command):
 def test_a_run_adds_its_hashes_and_the_simulators_that_played(run_command, tmp_path):
     plan = cells(tasks=("robosuite/Lift", "libero/x", "maniskill/PushCube-v1"))
     run = document(of=plan, rows_hash="abc123", name="night_1", skipped={"maniskill": "not installed"})
-    text = run_command("cite", run_folder(tmp_path / "run", run, [])).out
+    text = run_command("report", "--cite", run_folder(tmp_path / "run", run, [])).out
     assert "  title = {{night\\_1}: an evaluation suite of {RoboGauntlet}}" in text
     assert "  note = {Suite hash 0123456789abcdef; run run-1, rows hash abc123}" in text
     simulators = ["zhu2020robosuite", "todorov2012mujoco", "liu2023libero"]
@@ -35,18 +35,21 @@ def test_a_run_adds_its_hashes_and_the_simulators_that_played(run_command, tmp_p
 def test_a_published_benchmark_is_cited_if_the_run_used_it(run_command, tmp_path, task, key):
     for played, is_cited in ((task, True), ("pybullet/PandaReach-v3", False)):
         run = run_folder(tmp_path / played, document(of=cells(tasks=(played,))), [])
-        assert (key in keys(run_command("cite", run).out)) is is_cited
+        assert (key in keys(run_command("report", "--cite", run).out)) is is_cited
 
 
 def test_every_brace_of_an_entry_is_closed_whatever_the_suite_is_called(run_command, tmp_path):
-    text = run_command("cite", run_folder(tmp_path / "run", document(name="a}{{b"), [])).out
+    text = run_command("report", "--cite", run_folder(tmp_path / "run", document(name="a}{{b"), [])).out
     for entry in text.split("\n\n"):
         assert entry.count("{") == entry.count("}")
 
 
 def test_an_adapter_that_is_not_installed_is_named(run_command, tmp_path):
     run = document(of=cells(tasks=("mysim/Push",)))
-    assert "% mysim: its adapter is not installed here" in run_command("cite", run_folder(tmp_path / "r", run, [])).out
+    assert (
+        "% mysim: its adapter is not installed here"
+        in run_command("report", "--cite", run_folder(tmp_path / "r", run, [])).out
+    )
 
 
 @pytest.mark.parametrize("name", [name for name, one in catalog.simulators().items() if not one.internal])
@@ -61,7 +64,7 @@ def test_every_simulator_declares_complete_entries(name):
 
 
 def test_a_folder_without_a_run_is_refused(run_command, tmp_path):
-    assert "expected a run folder" in run_command("cite", tmp_path).refusal
+    assert "expected a run folder" in run_command("report", "--cite", tmp_path).refusal
 
 
 def test_the_citation_file_has_the_version_of_the_distribution():

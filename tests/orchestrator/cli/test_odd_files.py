@@ -43,7 +43,7 @@ def test_a_list_of_runs_passes_it_over(run_command):
     [
         *(
             "report runs/theirs",
-            "verify runs/theirs",
+            "replay --verify runs/theirs",
             "export runs/theirs --out new",
             "compare runs/monday runs/theirs",
         ),
@@ -69,7 +69,7 @@ def test_an_exported_run_and_a_suite_are_refused(run_command, tmp_path, make_odd
     make_odd(tmp_path / "odd")
     with deadline(DEADLINE_S):
         assert "no regular file" in run_command("import", "odd").refusal
-        assert run_command("validate", "odd").refusal.endswith(", no regular file")
+        assert run_command("plan", "--check", "odd").refusal.endswith(", no regular file")
 
 
 def test_media_of_a_run_are_left_out(run_command, runs, make_odd):

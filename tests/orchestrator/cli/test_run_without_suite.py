@@ -85,7 +85,7 @@ def test_a_policy_is_played_in_a_suite_instead_of_its_own(run_command, folder):
 
 
 def test_a_suite_that_needs_a_policy_is_valid_and_is_planned_with_one(run_command, folder):
-    validated = run_command("validate", "free.yaml")
+    validated = run_command("plan", "--check", "free.yaml")
     assert "free.yaml: valid, 0 episodes" in validated.out
     assert "note: needs a policy, to play " in validated.out
     assert "s: 3 episodes, 3 to play" in run_command("plan", "free.yaml", *OWN).out

@@ -40,7 +40,7 @@ def popen(marker):
 
 
 VERBS = {
-    "verify": ("verify", "FOLDER", "--sample", "1"),
+    "verify": ("replay", "--verify", "FOLDER", "--sample", "1"),
     "replay": ("replay", "--run", "FOLDER", "--policy", "evil", "--task", "null/Reach", "--seed", "0"),
     "export": ("export", "FOLDER", "--format", "lerobot-dataset", "--status", "success"),
 }
@@ -60,15 +60,17 @@ def test_a_suite_of_ones_own_says_which_policies_are_played(run_command, tmp_pat
     folder = played(tmp_path, popen(tmp_path / "stolen"))
     mine = tmp_path / "mine.yaml"
     mine.write_text("name: small\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 2}\n")
-    line = run_command("verify", folder, "--suite", mine).refusal
+    line = run_command("replay", "--verify", folder, "--suite", mine).refusal
     assert line == "suite 'small' lacks the run's policy 'evil'; name the suite that was played"
     mine.write_text(mine.read_text().replace("[oracle]", "[{name: evil, kind: oracle}]"))
-    assert "policy 'evil' has changed since the run" in run_command("verify", folder, "--suite", mine).refusal
+    assert (
+        "policy 'evil' has changed since the run" in run_command("replay", "--verify", folder, "--suite", mine).refusal
+    )
     assert not (tmp_path / "stolen").exists()
 
 
 def test_the_rows_of_a_run_of_others_are_checked_without_playing(run_command, tmp_path):
-    done = run_command("verify", played(tmp_path, popen(tmp_path / "stolen")), "--sample", "0")
+    done = run_command("replay", "--verify", played(tmp_path, popen(tmp_path / "stolen")), "--sample", "0")
     assert done.code == 0
     assert "as in run.json" in done.out
 
@@ -76,14 +78,14 @@ def test_the_rows_of_a_run_of_others_are_checked_without_playing(run_command, tm
 def test_a_run_of_ones_own_is_played_from_its_document(run_command, tmp_path):
     folder = played(tmp_path, "oracle")
     run_folder(folder, read_run(folder), [])
-    assert "policy 'oracle' has changed since the run" in run_command("verify", folder).refusal
+    assert "policy 'oracle' has changed since the run" in run_command("replay", "--verify", folder).refusal
 
 
 REFUSED = {
     "run": (("run", "small.yaml", "--out", IMPORTED), "continued"),
     "replay": (("replay", "--run", IMPORTED, *VERBS["replay"][3:], "--suite", "small.yaml"), "played again"),
-    "verify": (("verify", IMPORTED, "--suite", "small.yaml"), "verified"),
-    "verify of rows": (("verify", IMPORTED, "--sample", "0"), "verified"),
+    "verify": (("replay", "--verify", IMPORTED, "--suite", "small.yaml"), "verified"),
+    "verify of rows": (("replay", "--verify", IMPORTED, "--sample", "0"), "verified"),
     "export": (("export", IMPORTED, *VERBS["export"][2:], "--suite", "small.yaml"), "played again"),
     "gate": (("compare", "--gate", "theirs", IMPORTED), "a baseline"),
 }

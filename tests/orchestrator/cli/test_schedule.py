@@ -73,7 +73,7 @@ def test_an_unknown_schedule_and_a_missing_recipient_are_one_line(run_command, w
     for name in ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST"):
         monkeypatch.delenv(name, raising=False)
     assert "no schedule 'nightl'; did you mean 'nightly'?" in run_command("schedule", "run", "nightl").refusal
-    assert "no recipient: set ROBOGAUNTLET_WEBHOOK_URL" in run_command("schedule", "test-message").refusal
+    assert "no recipient: set ROBOGAUNTLET_WEBHOOK_URL" in run_command("schedule", "list", "--test-message").refusal
 
 
 def test_cron_gets_a_line_whose_command_is_a_shell_command(run_command, write, tmp_path):

@@ -41,7 +41,7 @@ def suite(tmp_path):
 
 def test_every_shipped_suite_is_valid_without_simulators_and_torch():
     names = sorted(path.stem for path in SHIPPED.glob("*.yaml"))
-    done = run_without_simulators("validate", *names)
+    done = run_without_simulators("plan", "--check", *names)
     assert (done.returncode, done.stderr) == (0, "")
     valid = [line for line in done.stdout.splitlines() if ": valid, " in line]
     assert len(valid) == len(names)
@@ -50,7 +50,7 @@ def test_every_shipped_suite_is_valid_without_simulators_and_torch():
 
 
 def test_the_hash_does_not_depend_on_what_is_installed():
-    done = run_without_simulators("validate", "mergevla", "zoo")
+    done = run_without_simulators("plan", "--check", "mergevla", "zoo")
     for name in ("mergevla", "zoo"):
         plan = make_plan(SHIPPED / f"{name}.yaml", require_installed=False)
         assert f"hash {plan.suite_hash}\n" in done.stdout
@@ -58,12 +58,12 @@ def test_the_hash_does_not_depend_on_what_is_installed():
 
 def test_mistakes_are_reported_without_simulators(suite):
     suite.write_text(SUITE.replace("PandaReach", "PandaReech").replace("oracle", "oracel"))
-    done = run_without_simulators("validate", suite)
+    done = run_without_simulators("plan", "--check", suite)
     assert done.returncode == 2
     assert done.stderr.count("did you mean") == 2
 
 
-@pytest.mark.parametrize("verb", ["validate", "plan"])
+@pytest.mark.parametrize("verb", [("plan", "--check"), ("plan",)])
 def test_nothing_that_a_suite_names_is_imported_contacted_or_started(tmp_path, verb):
     marker = tmp_path / "started"
     (tmp_path / "named.py").write_text(f"open({str(marker)!r}, 'w')\n\n\ndef act(**observation):\n    pass\n")
@@ -77,13 +77,13 @@ def test_nothing_that_a_suite_names_is_imported_contacted_or_started(tmp_path, v
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"openpi://127.0.0.1:{server.getsockname()[1]}"
         file.write_text(SUITE.replace("[oracle]", f'[oracle, {policy}, "{address}"]'))
-        done = run_gauntlet(verb, file, ROBOGAUNTLET_CONFIG=str(configuration))
+        done = run_gauntlet(*verb, file, ROBOGAUNTLET_CONFIG=str(configuration))
         server.settimeout(0.1)
         with pytest.raises(TimeoutError):
             server.accept()
     assert (done.returncode, done.stderr) == (0, "")
     assert "6 episodes" in done.stdout
-    assert "nothing that a suite names is imported or contacted; --check does" in done.stdout
+    assert "nothing that a suite names is imported or contacted; --start does" in done.stdout
     assert not marker.exists()
 
 
@@ -91,16 +91,16 @@ def test_nothing_that_a_suite_names_is_imported_contacted_or_started(tmp_path, v
 def test_nothing_is_downloaded_from_the_hub(tmp_path, run_command, monkeypatch, policy):
     monkeypatch.setattr("huggingface_hub.snapshot_download", lambda *_, **__: pytest.fail("downloads"))
     (tmp_path / "suite.yaml").write_text(SUITE.replace("[oracle]", f"[{policy}]"))
-    done = run_command("validate", "suite.yaml")
+    done = run_command("plan", "--check", "suite.yaml")
     assert (done.code, done.err) == (0, "")
     assert "2 episodes, hash unknown until its policies can be identified" in done.out
 
 
-@pytest.mark.parametrize("verb", ["validate", "plan"])
+@pytest.mark.parametrize("verb", [("plan", "--check"), ("plan",)])
 def test_a_policy_server_that_does_not_answer_is_a_note(tmp_path, verb):
     file = tmp_path / "suite.yaml"
     file.write_text(SUITE.replace("[oracle]", '[oracle, "openpi://127.0.0.1:9"]'))
-    done = run_gauntlet(verb, "--check", file)
+    done = run_gauntlet(*verb, "--start", file)
     assert done.returncode == 0
     assert "4 episodes" in done.stdout
     assert "hash unknown until its policies can be identified" in done.stdout
@@ -134,10 +134,3 @@ def test_a_run_still_needs_a_simulator(suite, tmp_path):
     assert done.returncode == 2
     assert "pybullet: not installed (no module" in done.stderr
     assert not (tmp_path / "run").exists()
-
-
-def test_so_does_a_profile(suite):
-    done = run_without_simulators("profile", suite)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("robogauntlet: pybullet: not installed (no module")

@@ -184,12 +184,12 @@ class TestTheCommand:
         assert done.code == 0
         assert f"first: fits: Python {RUNNING}" in done.out
         assert "first: exists: " in run_command("env", "create", "first").out
-        assert '{"requirements": ["gearbox==1.0"]}' in run_command("env", "show", "first").out
-        assert "gearbox 1.0" in run_command("env", "check", "first").out
+        assert '{"requirements": ["gearbox==1.0"]}' in run_command("env", "list", "first").out
+        assert "gearbox 1.0" in run_command("env", "list", "first").out
         listed = run_command("env", "list").out
         assert "fits" in next(line for line in listed.splitlines() if line.startswith("first"))
         assert run_command("env", "remove", "first").out.startswith("removed ")
-        assert run_command("env", "check", "first").code == 1
+        assert run_command("env", "list", "first").code == 1
         assert run_command("env", "remove", "first").code == EXIT_BAD_INPUT
 
     def test_a_simulator_that_needs_none_says_how_to_give_it_one(self, simulators, run_command):
@@ -221,7 +221,7 @@ class TestTheCommand:
         line = run_command("run", "suite.yaml", "--out", "run").refusal
         assert line.endswith(f"policy 'lerobot-x-y': environment lerobot: {reason}")
 
-    @pytest.mark.parametrize("verb", ["validate", "plan", "run", "profile"])
+    @pytest.mark.parametrize("verb", [("plan", "--check"), ("plan",), ("run",)])
     @pytest.mark.parametrize(
         ("entry", "place", "name"),
         [
@@ -234,7 +234,7 @@ class TestTheCommand:
         program.write_text(f"#!/bin/sh\ntouch {marker}\n")
         program.chmod(0o755)
         (tmp_path / "suite.yaml").write_text(SUITE + entry.replace("FILE", str(program)) + "\n")
-        (line,) = run_command(verb, "suite.yaml").refusal.splitlines()
+        (line,) = run_command(*verb, "suite.yaml").refusal.splitlines()
         assert "a suite names no program" in line
         assert f"environments: {{{name}: {{interpreter: FILE}}}}` into your configuration" in line
         assert not marker.exists()

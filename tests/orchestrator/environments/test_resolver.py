@@ -79,7 +79,7 @@ def test_a_run_uses_two_environments_records_them_and_can_be_replayed(
     assert environments["second"]["packages"] == {"gearbox": "2.0"}
     assert environments["second"]["hash"] == EnvironmentEntry(requirements=("gearbox==2.0",)).hash
     assert "first: gearbox | 1.0" in (tmp_path / "run" / "report.md").read_text()
-    assert "2 of 2 episodes replayed: all the same" in run_command("verify", "run").out
+    assert "2 of 2 episodes replayed: all the same" in run_command("replay", "--verify", "run").out
     episode = robogauntlet.open_run(tmp_path / "run").episodes().set_index("simulator").loc["second", "episode_id"]
     assert "the same as stored" in run_command("replay", episode, "--run", "run").out
     python = EnvironmentResolver().resolve(catalog.find("second")).python

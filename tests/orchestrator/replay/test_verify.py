@@ -54,7 +54,7 @@ def played(tmp_path_factory, ray_here):
 
 @pytest.mark.ray
 def test_an_unchanged_run_passes(played, run_command):
-    done = run_command("verify", played, "--sample", 4)
+    done = run_command("replay", "--verify", played, "--sample", 4)
     assert done.code == 0, done.err
     assert "10 rows, hash " in done.out
     assert ", as in run.json" in done.out
@@ -69,8 +69,8 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played, run_command):
         (steps,) = database.execute("select steps from episodes where episode_id = ?", (wanted,)).fetchone()
         database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
     try:
-        done = run_command("verify", played, "--sample", 10)
-        without = run_command("verify", played, "--sample", 0)
+        done = run_command("replay", "--verify", played, "--sample", 10)
+        without = run_command("replay", "--verify", played, "--sample", 0)
     finally:
         execute(played / "episodes.sqlite", f"update episodes set steps = {steps} where episode_id = '{wanted}'")
     assert (done.code, without.code) == (1, 1)
@@ -81,4 +81,4 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played, run_command):
 
 
 def test_a_folder_that_is_no_run_is_one_line(run_command, tmp_path):
-    assert run_command("verify", tmp_path).refusal
+    assert run_command("replay", "--verify", tmp_path).refusal

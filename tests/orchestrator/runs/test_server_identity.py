@@ -50,7 +50,7 @@ def test_every_line_of_the_manual_is_planned_and_says_that_checkpoints_cannot_be
     run_command, openpis, tmp_path, line
 ):
     (tmp_path / "suite.yaml").write_text("name: s\nneeds: policy\ntasks: [null/Reach]\nseeds: {count: 1}\n")
-    done = run_command("plan", "--check", *line.split(), "--policy", openpis.replace("ws:", "openpi:"))
+    done = run_command("plan", "--start", *line.split(), "--policy", openpis.replace("ws:", "openpi:"))
     assert done.code == 0, done.err
     assert WARNING in done.err
     assert "unknown" not in done.out.splitlines()[-1]

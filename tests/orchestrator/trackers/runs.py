@@ -63,12 +63,12 @@ def alone(cwd, variables):
 
 
 def gauntlet_log(*arguments, cwd, without=(), **environment):
-    """`robogauntlet log`, in this process, as if the libraries `without` were not installed."""
+    """`robogauntlet export --tracker`, in this process, as if the libraries `without` were not installed."""
     output, errors, code = io.StringIO(), io.StringIO(), 0
     with alone(cwd, environment) as patch, redirect_stdout(output), redirect_stderr(errors):
         for name in [*without, *(name for name in sys.modules if name.partition(".")[0] in without)]:
             patch.setitem(sys.modules, name, None)
-        patch.setattr(sys, "argv", ["robogauntlet", "log", *arguments])
+        patch.setattr(sys, "argv", ["robogauntlet", "export", *arguments])
         try:
             main()
         except SystemExit as end:
@@ -77,9 +77,9 @@ def gauntlet_log(*arguments, cwd, without=(), **environment):
 
 
 def gauntlet_log_apart(*arguments, cwd, **environment):
-    """`robogauntlet log`, in a new process: W&B keeps the settings with which it was first used in one."""
+    """`robogauntlet export --tracker`, in a new process: W&B keeps the settings with which it was first used in one."""
     with alone(cwd, environment):
-        return run_gauntlet("log", *arguments, cwd=cwd)
+        return run_gauntlet("export", *arguments, cwd=cwd)
 
 
 def wandb_records(path):

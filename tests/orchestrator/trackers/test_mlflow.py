@@ -20,7 +20,7 @@ def logged(place):
     for status in (RunStatus.STOPPED, RunStatus.COMPLETE):
         save(place / status / "night", status=status)
         done = gauntlet_log(
-            f"{status}/night", "--to", "mlflow", "--project", "nights", cwd=place, MLFLOW_TRACKING_URI=address
+            f"{status}/night", "--tracker", "mlflow", "--project", "nights", cwd=place, MLFLOW_TRACKING_URI=address
         )
         assert done.returncode == 0, done.stderr
     return address, done
@@ -71,7 +71,7 @@ def test_the_place_of_the_run_is_returned(logged, runs):
 
 def test_an_unreachable_server_is_one_line_without_its_login(place, logged):
     done = gauntlet_log(
-        *("complete/night", "--to", "mlflow"),
+        *("complete/night", "--tracker", "mlflow"),
         cwd=place,
         MLFLOW_TRACKING_URI="http://me:s3cr3t@localhost:9",
         MLFLOW_HTTP_REQUEST_MAX_RETRIES="0",

@@ -85,14 +85,14 @@ def test_an_address_is_shown_without_its_login(address, shown):
 @pytest.mark.parametrize("name", ["wandb", "mlflow"])
 def test_a_library_that_is_missing_is_one_line_with_the_command_that_installs_it(tmp_path, name):
     save(tmp_path / "night")
-    done = gauntlet_log("night", "--to", name, cwd=tmp_path, without=[name])
+    done = gauntlet_log("night", "--tracker", name, cwd=tmp_path, without=[name])
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert f'is not installed; install it with: pip install "robogauntlet[{name}]"' in done.stderr
 
 
 def test_a_folder_without_a_run_is_one_line(tmp_path):
-    done = gauntlet_log("night", "--to", "wandb", cwd=tmp_path)
+    done = gauntlet_log("night", "--tracker", "wandb", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.strip() == "robogauntlet: night: expected a run folder, it does not exist"
     with pytest.raises(RunError):

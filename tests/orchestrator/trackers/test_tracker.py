@@ -154,7 +154,7 @@ def test_a_server_that_never_answers_costs_one_warning_and_a_moment(tmp_path, mo
     assert opened[0] - began < 20
     assert ended(outcome) == expected
     (warning,) = outcome.warnings
-    command = f"robogauntlet log {tmp_path / 'run'} --to mlflow --project 'nights'"
+    command = f"robogauntlet export {tmp_path / 'run'} --tracker mlflow --project 'nights'"
     assert warning.startswith("MLflow did not accept the run (")
     assert warning.endswith(f"; the run goes on, to send its results later: {command}")
     assert said == []

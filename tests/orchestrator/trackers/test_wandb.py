@@ -14,7 +14,7 @@ require("wandb", "wandb")
 def logged(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wandb")
     save(folder / "night")
-    done = gauntlet_log_apart("night", "--to", "wandb", "--project", "nights", cwd=folder, WANDB_MODE="offline")
+    done = gauntlet_log_apart("night", "--tracker", "wandb", "--project", "nights", cwd=folder, WANDB_MODE="offline")
     assert done.returncode == 0, done.stderr
     return folder, done
 
@@ -65,7 +65,7 @@ def test_the_place_of_the_run_is_returned(logged):
 
 
 def test_a_missing_login_is_one_line_with_the_remedy(logged):
-    done = gauntlet_log_apart("night", "--to", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9")
+    done = gauntlet_log_apart("night", "--tracker", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9")
     assert done.returncode == 2
     assert "W&B has no login; log in with `wandb login`" in done.stderr
     assert "WANDB_MODE=offline" in done.stderr
@@ -73,7 +73,7 @@ def test_a_missing_login_is_one_line_with_the_remedy(logged):
 
 def test_a_key_is_not_repeated(logged):
     done = gauntlet_log_apart(
-        "night", "--to", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9", WANDB_API_KEY="s3cr3t"
+        "night", "--tracker", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9", WANDB_API_KEY="s3cr3t"
     )
     assert done.returncode == 2
     assert "s3cr3t" not in done.stderr + done.stdout

@@ -33,7 +33,7 @@ def test_the_suite_of_the_section_is_valid_where_lerobot_is_not_installed(bare, 
 def test_the_section_leads_from_a_checkpoint_to_a_table(python, tmp_path, checks):
     command = [python, MAKING, tmp_path / "checkpoints" / "act_push", "--only-act", "96"]
     subprocess.run(command, env=environment_of(ROOT), check=True, capture_output=True)
-    later = ("robogauntlet env",) if checks else ("robogauntlet env", "robogauntlet policies", "robogauntlet check")
+    later = ("robogauntlet env",) if checks else ("robogauntlet env", "robogauntlet check")
     made = {"skipped": later, "ROBOGAUNTLET_ENVIRONMENTS": FOLDER}
     valid, *checked, played = follow("your-policy", "LeRobot checkpoints", tmp_path, **made).values()
     assert "valid" in valid

@@ -1,21 +1,13 @@
-"""`robogauntlet verify`: check that the rows of a run are unchanged and that its episodes can be reproduced."""
+"""`robogauntlet replay --verify`: check that the rows of a run are unchanged and its episodes can be reproduced."""
 
 from __future__ import annotations
 
 from contextlib import closing
-from typing import Annotated
+from pathlib import Path
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import (
-    NewestRunArgument,
-    OwnSuite,
-    StoreUrl,
-    fail,
-    newest_run,
-    out,
-    print_line,
-)
+from robogauntlet.orchestrator.cli.common import fail, out, print_line
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.playable_suite import playable_suite
 from robogauntlet.results.run_document import read_run, refuse_imported
@@ -24,21 +16,11 @@ from robogauntlet.suites.episode import Condition
 from robogauntlet.support.text import counted
 
 
-def verify(
-    folder: NewestRunArgument = None,
-    sample: Annotated[int, typer.Option(min=0, help="Number of random episodes to replay.")] = 12,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random choice.")] = 0,
-    store: StoreUrl = None,
-    suite: OwnSuite = None,
-) -> None:
-    """Check the rows of a run against their hash and replay a sample of its episodes.
-
-    Exit code 1 if something differs.
-    """
+def verify_run(folder: Path, sample: int, seed: int, store: str | None, suite: str | None) -> None:
+    """Check the rows of a run against their hash and replay a sample of its episodes; exit if something differs."""
     from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
     from robogauntlet.orchestrator.replay import verify
 
-    folder = folder or newest_run()
     document = read_run(folder)
     refuse_imported(folder, document, "verified")
     played = playable_suite(document, folder, suite) if sample else None

@@ -1,13 +1,10 @@
-"""`robogauntlet cite`: BibTeX for a paper."""
+"""BibTeX for a paper, which `robogauntlet report --cite` prints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import robogauntlet
 from robogauntlet.adapters import catalog
@@ -18,8 +15,8 @@ YEAR = 2026
 """Of the version that CITATION.cff names."""
 
 
-def cite(folder: Annotated[Path | None, typer.Argument(metavar="[RUN]", help="Run folder.")] = None) -> None:
-    """Print BibTeX of RoboGauntlet, and of the suite and the simulators of a run.
+def bibtex(folder: Path | None) -> str:
+    """Return BibTeX of RoboGauntlet, and of the suite and the simulators of a run.
 
     With a run, the version is that which played it. The suite's entry has the hash of the suite and that of the run's
     rows. Published benchmarks, such as LIBERO and Meta-World, are among the simulators.
@@ -28,7 +25,7 @@ def cite(folder: Annotated[Path | None, typer.Argument(metavar="[RUN]", help="Ru
     entries = [_tool(document)]
     if document is not None:
         entries += [_suite(document), *_simulators(document)]
-    typer.echo("\n\n".join(dict.fromkeys(entries)))
+    return "\n\n".join(dict.fromkeys(entries)) + "\n"
 
 
 def _tool(document: RunDocument | None) -> str:
