@@ -32,7 +32,11 @@ FLOORS = {
 """Floors inside the rooms, the lowest first. A package imports only packages of its own floor and of those below."""
 SOURCE = ROOT / "src" / "robogauntlet"
 MERGEVLA = ROOT / "mergevla" / "robogauntlet_mergevla"
-CONTRACTS = ("adapters.contract", "adapters.catalog", "policies.contract", "suites.", "support.")
+CONTRACTS = (
+    *("adapters.contract", "adapters.catalog", "policies.contract", "suites.", "support."),
+    *("results.record", "results.run_document", "results.statistics."),
+    *("results.report.blocks", "results.report.section", "results.report.formatting"),
+)
 """Modules, or their beginnings, that MergeVLA may import as every other distribution may."""
 INNER = {"policies.hub", "policies.stored", "policies.training.dataset", "policies.training.lerobot_format"}
 """What MergeVLA reads checkpoints and demonstrations with."""
@@ -40,7 +44,7 @@ PLAYS = {
     *("orchestrator.cli.common", "orchestrator.cli.console_tables", "orchestrator.live_display"),
     *("orchestrator.environments.resolver", "orchestrator.episodes.rollout", "orchestrator.registry"),
     *("orchestrator.ray_runtime.session", "orchestrator.ray_runtime.simulator_processes"),
-    *("results.analysis.routing", "results.folder_lock", "results.report.formatting"),
+    *("results.analysis.routing", "results.folder_lock"),
 }
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
@@ -48,11 +52,11 @@ BUDGETS = {
     "orchestrator": 22_600,
     "adapters": 8_690,
     "policies": 6_440,
-    "mergevla": 8_540,
-    "results": 15_010,
+    "mergevla": 8_905,
+    "results": 14_710,
     "suites": 2_906,
     "src/robogauntlet": 1_030,
-    "tests": 47_290,
+    "tests": 47_300,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -45,7 +45,7 @@ def print_summary(report: Report) -> None:
     if findings:
         out.print()
     for section, data in sections:
-        for title, table in section.text_tables(data):
+        for title, table in section.text_tables(data, report):
             _print_table(table, title)
 
 

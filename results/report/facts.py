@@ -45,21 +45,6 @@ DEFINITIONS = {
     "wait": "Idle time of a worker.",
     "busy": "Share of worker time after start-up in simulator or policy: "
     "(reset + physics + render + inference) / (wall + wait).",
-    "expert": "The policy fine-tuned on the task, before merging.",
-    "oracle-routed": "The merged policy, given the true task.",
-    "routed": "The merged policy, which infers the task from the first observation.",
-    "loss": "Difference of success rates in percentage points, with Newcombe's paired interval (95 %). By merging: "
-    "expert minus oracle-routed. By routing: oracle-routed minus routed. Both: their sum.",
-    "pairs": "Task and seed combinations in which all three policies succeeded or failed. Pairs with an error or a "
-    "missing episode are excluded from losses and counted as left out.",
-    "retention": "Successes of the routed policy per success of the expert; the interval is a bootstrap over pairs "
-    "within tasks, and absent if all pairs agree.",
-    "accuracy": "Share of episodes in which the task was inferred correctly.",
-    "calibration": "Calibration error: mean difference of accuracy and the probability of the chosen task. "
-    "Brier score: mean squared distance of all probabilities from the truth, 0 to 2. Both only if the scores are "
-    "log-probabilities.",
-    "regret": "Oracle-routed minus routed success on the misrouted pairs, in percentage points.",
-    "latency": "Time to infer the task, once per episode.",
     "severity curve": "Success at each severity with Wilson interval; tasks have equal weight. "
     "Drop: clean rate minus rate on the same seeds, with Newcombe's paired interval (95 %).",
     "area kept": "Area under success relative to the clean rate, divided by the range of severities: 1 if nothing is "
@@ -126,7 +111,6 @@ DEFINITIONS = {
     "skipped": "The simulator cannot run on this machine; its episodes count as missing.",
 }
 """Definition per term, shown where the term first appears."""
-MERGING_TERMS = ("expert", "oracle-routed", "routed", "loss", "pairs", "retention")
 PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "median difference", "letters")
 PROTOCOLS = {
     ProtocolName.ROBOGAUNTLET: "robogauntlet: images are upright",
@@ -136,7 +120,6 @@ RULES = {
     SuccessRule.HELD: f"held: the predicate holds for {SUCCESS_HOLD} control steps in a row",
     SuccessRule.ONCE: "once: the predicate holds after a single control step, at which the episode ends",
 }
-ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {
     RunStatus.COMPLETE: "Complete",

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 GROUP = "robogauntlet.sections"
-BEFORE = ("in_short", "combinations", "rates", "robots", "failures", "behaviour", "pairwise", "robustness", "merging")
+BEFORE = ("in_short", "combinations", "rates", "robots", "failures", "behaviour", "pairwise", "robustness", "routing")
 AFTER = ("gallery", "counts", "worker_time", "gaps", "provenance")
 """Modules of `sections/` in the order of the report; those of other distributions come between the two."""
 
@@ -121,7 +121,7 @@ class Section:
     """Type of its data in `summary.json`; None for a section that only shows the tables of the run."""
     sentences: Callable[[Any], Iterable[str]] = field(default=lambda data: ())
     """Findings for the terminal."""
-    text_tables: Callable[[Any], Iterable[tuple[str, TextTable]]] = field(default=lambda data: ())
+    text_tables: Callable[[Any, Report], Iterable[tuple[str, TextTable]]] = field(default=lambda data, report: ())
     """Tables for the terminal, with their titles."""
     links: Callable[[Any], Iterable[tuple[str, str]]] = field(default=lambda data: ())
     """Anchors and texts of further links in the list of contents."""

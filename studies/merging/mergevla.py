@@ -3,11 +3,9 @@
 import tempfile
 from pathlib import Path
 
-from robogauntlet.results.analysis import merging_cost
-from robogauntlet.results.report import ReportPaths
-from robogauntlet.results.report.merging_cost import comparison_table, overall_table
+from robogauntlet.results.report import write_report
 from robogauntlet.results.report.parquet import read_frame
-from robogauntlet.results.run_document import read_run
+from robogauntlet_mergevla.report.section import comparison_table, overall_table
 from studies.shared import run_suite, table_of
 from studies.tables import write_episodes
 
@@ -23,15 +21,16 @@ def measure() -> list[dict[str, object]]:
     """
     with tempfile.TemporaryDirectory() as name:
         run_suite("mergevla", folder := Path(name) / "run")
-        frame = read_frame(ReportPaths.in_folder(folder).episodes, (*merging_cost.COLUMNS, "policy", "seed"))
-        merging = merging_cost.build_merging(read_run(folder), frame)
-    assert merging is not None
+        report = write_report(folder)
+        frame = read_frame(report.paths.episodes, EPISODE)
+    merging = report.data["merging"]
+    routers = {one.policy: one.router for one in report.data["routing"]}
     write_episodes("mergevla", frame[EPISODE], EPISODE[:3])
     policies = [comparison.policy for comparison in merging.routed]
     names = ["task", merging.expert, merging.oracle_routed]
     for policy in policies:
         names += [policy, f"router of {policy}"]
-    rows = [dict[str, object](zip(names, line, strict=True)) for line in comparison_table(merging).rows]
+    rows = [dict[str, object](zip(names, line, strict=True)) for line in comparison_table(merging, routers).rows]
     for loss, *values in overall_table(merging).rows:
         if loss in LOSSES:
             rows.append(dict.fromkeys(names, "") | {"task": LOSSES[loss]} | dict(zip(policies, values, strict=True)))

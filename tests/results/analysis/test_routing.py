@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robogauntlet.results.analysis import routing
-from robogauntlet.results.analysis.merging_cost import COLUMNS
 from robogauntlet.results.analysis.routing import calibration, detection, router_of
+from robogauntlet.results.report.sections.routing import COLUMNS
 from robogauntlet.results.statistics.rates import wilson_interval
 from tests.results.routed import TASKS, evidence, plan
 from tests.results.synthetic import columns_of, row

@@ -38,7 +38,7 @@ def routed(tmp_path_factory):
 def test_the_plots_are_written_in_the_format_asked_for(under_noise, tmp_path, form, start):
     written = write_figures(under_noise, tmp_path, form)
     names = ["success-by-task", "comparison-1-merged-against-expert", "heat-map-1-expert", "heat-map-2-merged"]
-    names += ["losses-1-merged", "success-by-severity", "worker-time"]
+    names += ["losses-1-merged", "success-by-severity", "confusion-1-merged", "worker-time"]
     assert [path.name for path in written] == [f"{name}.{form}" for name in names]
     assert all(path.read_bytes().startswith(start) for path in written)
 

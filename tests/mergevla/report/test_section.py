@@ -1,4 +1,4 @@
-"""Tests of the report's section about merging and routing."""
+"""The report's sections about merging and about the inference of tasks."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import json
 import pytest
 
 from robogauntlet.results.report import formatting as text
-from robogauntlet.results.report import merging_cost as words
 from robogauntlet.results.report import summary_model, write_report
+from robogauntlet.results.report.sections import routing as inference
 from robogauntlet.results.report.templates import table_script
 from robogauntlet.results.statistics.rates import Estimate, Interval
+from robogauntlet_mergevla.report import section as words
 from tests.results.report.test_writing import HOSTILE, Page, assert_self_contained
 from tests.results.routed import ROLES, TASKS, evidence, plan, routed_document, routed_rows
 from tests.results.synthetic import row, run_folder
@@ -19,6 +20,10 @@ from tests.results.synthetic import row, run_folder
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     return write_report(run_folder(tmp_path_factory.mktemp("merging") / "run", routed_document(), routed_rows()))
+
+
+def routers_of(report):
+    return {one.policy: one.router for one in report.data["routing"]}
 
 
 def texts(report):
@@ -34,16 +39,24 @@ def test_the_section_is_there_only_if_the_suite_asks_for_it(report, tmp_path):
 
 
 def test_html_markdown_and_summary_say_the_same(report):
-    merging = report.data["merging"]
+    merging, routers = report.data["merging"], routers_of(report)
     page, markdown = texts(report)
     for comparison in merging.routed:
         losses = comparison.overall.losses
         numbers = [text.points(losses.merging), text.points(losses.routing), text.rate(losses.retention)]
-        for number in [*numbers, text.share(comparison.router.accuracy)]:
+        for number in [*numbers, text.share(routers[comparison.policy].accuracy)]:
             assert number in page
             assert number in markdown
     summary = summary_model().model_validate_json(report.paths.summary.read_text())
-    assert summary.merging == merging
+    assert (summary.merging, summary.routing) == (merging, report.data["routing"])
+
+
+def test_a_policy_that_infers_its_task_has_its_section_whatever_the_suite_compares(report, tmp_path):
+    without = write_report(run_folder(tmp_path / "run", routed_document(merging=None), routed_rows()))
+    assert without.data["routing"] == report.data["routing"]
+    assert [one.policy for one in without.data["routing"]] == ["merged", "merged-paper"]
+    for content in texts(without):
+        assert "Task inference" in content
 
 
 def test_the_section_fetches_nothing_and_runs_nothing(report):
@@ -57,15 +70,17 @@ def test_headers_of_confusion_matrices_break_between_words(report):
 
 def test_tables_are_rectangular_and_name_every_task(report):
     merging = report.data["merging"]
-    tables = [words.comparison_table(merging), words.overall_table(merging), words.router_table(merging)]
+    routers = routers_of(report)
+    tables = [words.comparison_table(merging, routers), words.overall_table(merging), words.regret_table(merging)]
     for comparison in merging.routed:
-        tables += [words.compact_table(comparison), words.losses_table(comparison)]
-        tables += [words.confusion_table(comparison.router.confusion)]
-        tables.append(words.calibration_table(comparison))
+        tables += [words.compact_table(comparison, routers[comparison.policy]), words.losses_table(comparison)]
+    tables.append(inference.router_table(report.data["routing"]))
+    for router in routers.values():
+        tables += [inference.confusion_table(router.confusion), inference.calibration_table(router.calibration)]
     for table in tables:
         assert table.rows
         assert all(len(line) == len(table.header) for line in table.rows)
-    names = [line[0] for line in words.compact_table(merging.routed[0]).rows]
+    names = [line[0] for line in words.compact_table(merging.routed[0], None).rows]
     assert names == [*TASKS, "maniskill, all", "pybullet, all", "robosuite, all", "all"]
 
 
@@ -73,8 +88,8 @@ def test_policies_that_do_not_route_have_no_router_but_losses(tmp_path):
     results = [row(cell, seed) for cell in plan() for seed in range(3)]
     report = write_report(run_folder(tmp_path / "run", routed_document(3), results))
     merging = report.data["merging"]
-    assert [comparison.router for comparison in merging.routed] == [None, None]
-    assert words.compact_table(merging.routed[0]).rows[-1] == ("all", "100 %", "100 %", "100 %", "–", "15")
+    assert "routing" not in report.data
+    assert words.compact_table(merging.routed[0], None).rows[-1] == ("all", "100 %", "100 %", "100 %", "–", "15")
     for content in texts(report):
         assert "Merging and routing" in content
         assert "calibration error" not in content

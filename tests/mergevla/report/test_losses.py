@@ -1,13 +1,13 @@
-"""Tests of results/analysis/merging_cost.py."""
+"""Tests of success lost by merging and by routing."""
 
 from __future__ import annotations
 
 import pytest
 
-from robogauntlet.results.analysis.merging_cost import COLUMNS, build_merging
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import MergingEntry
+from robogauntlet_mergevla.report.losses import COLUMNS, build_merging
 from tests.results.routed import TASKS, evidence, plan, routed_document, routed_rows
 from tests.results.synthetic import cells, columns_of, document, row
 
@@ -57,7 +57,6 @@ def test_without_rows_there_is_no_loss():
     found = compared("....", "....", "....")
     assert (found.overall.losses.pairs, found.overall.losses.missing) == (0, 4)
     assert (found.overall.losses.total, found.overall.losses.retention, found.overall.expert.rate) == (None,) * 3
-    assert found.router is None
 
 
 def test_regret_is_what_the_oracle_routed_policy_wins_on_misrouted_pairs():
@@ -73,7 +72,6 @@ def test_tasks_and_simulators_are_in_the_order_of_the_plan():
     assert (found.expert, found.oracle_routed) == ("experts", "merged-oracle-routed")
     assert (merged.policy, paper.policy) == ("merged", "merged-paper")
     assert [line.task for line in merged.tasks] == list(TASKS)
-    assert [name for name, _ in merged.router.tasks] == list(TASKS)
     assert [line.simulator for line in merged.simulators] == ["maniskill", "pybullet", "robosuite"]
     assert merged.overall.losses.pairs == sum(line.losses.pairs for line in merged.simulators) == 50
 

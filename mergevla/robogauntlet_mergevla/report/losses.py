@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.analysis.routing import Rate, Router, router_of
+from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio, pooled
@@ -17,10 +17,7 @@ from robogauntlet.suites.episode import Condition
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = (
-    *("pair_id", "simulator", "task", "policy_digest", "axis", "severity", "status"),
-    *("inferred_task", "routing_scores", "unknown_score", "rejected", "routing_s"),
-)
+COLUMNS = ("pair_id", "simulator", "task", "policy_digest", "axis", "severity", "status", "inferred_task")
 """Fields of the record that are needed."""
 SEED = 20251118
 """Seed of the bootstrap, so that reports are reproducible."""
@@ -79,8 +76,6 @@ class RoutedComparison:
     """In the order of the plan."""
     simulators: tuple[MergingRow, ...]
     overall: MergingRow
-    router: Router | None
-    """None if no row names an inferred task."""
     regret: Regret
 
 
@@ -158,13 +153,11 @@ def _compare(
         for name, (simulator, number) in planned.items()
     ]
     simulators = dict.fromkeys(task.simulator for task in tasks)
-    place = {name: number for number, name in enumerate(planned)}
     return RoutedComparison(
         policy=policy,
         tasks=tuple(_row([task], task.simulator, task.name) for task in tasks),
         simulators=tuple(_row([t for t in tasks if t.simulator == name], name, None) for name in simulators),
         overall=_row(tasks, None, None),
-        router=router_of(frames[2].sort_values("task", key=lambda names: names.astype(str).map(place), kind="stable")),
         regret=_regret(tasks, frames[2]),
     )
 
