@@ -1,8 +1,10 @@
-"""The commands of the script that makes the zoo, which takes hours, are valid."""
+"""The commands of the script that makes the zoo, which takes hours, and those of pages are valid."""
 
 from __future__ import annotations
 
 import os
+import re
+import shlex
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +16,8 @@ from robogauntlet.orchestrator.cli import app
 from tests import ROOT
 
 SCRIPT = ROOT / "scripts/zoo.sh"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "studies").glob("*/README.md"))]
+COMMAND = re.compile(r"^(?:    |\$ )?robogauntlet (.*)$", re.MULTILINE)
 # Replaces the command line: writes the arguments of each call into a line of a file.
 RECORDER = """#!/usr/bin/env bash
 line=$(printf '%s\\t' "$@")
@@ -75,3 +79,9 @@ def test_a_share_that_is_no_whole_percent_is_refused_first(percent: str, tmp_pat
     assert refused.value.stderr == f"PERCENT: expected a whole number from 1 to 999, got '{percent}'\n"
     assert refused.value.returncode == 2
     assert not (tmp_path / "commands").exists()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(path.relative_to(ROOT)) for path in PAGES])
+def test_every_command_of_a_page_is_valid(page: Path) -> None:
+    for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
+        parsed([word for word in shlex.split(line, comments=True) if word != "&"])
