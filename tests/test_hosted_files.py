@@ -79,7 +79,7 @@ def test_an_input_of_the_action_is_a_word_and_is_never_run(runner, tmp_path, tex
     assert words == ["run", "--seeds", text, "--policy", text, "--out", text, "--", text]
     (tmp_path / "base line").mkdir()
     runner.run_step("compare", baseline="base line", out=text)
-    assert (tmp_path / "arguments").read_text().splitlines()[-2:] == ["--", text]
+    assert (tmp_path / "arguments").read_text().splitlines()[-3:] == ["--", text, "base line"]
     assert not (tmp_path / "here").exists()
 
 
