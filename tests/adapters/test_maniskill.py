@@ -230,6 +230,7 @@ def test_a_placed_arm_leaves_the_cameras_without_the_table_of_reflections(push, 
 
 
 @pytest.mark.simulator
+@pytest.mark.nightly
 def test_the_table_of_reflections_that_sapien_would_compute_changes_no_pixel(push, monkeypatch):
     push.reset(0)
     monkeypatch.setattr("robogauntlet.adapters.maniskill.dynamics.omit_reflections", bool)

@@ -185,6 +185,7 @@ class TestWithRay:
         assert collected.warnings[0].startswith("the disk is full")
 
     @pytest.mark.simulator
+    @pytest.mark.nightly
     def test_an_expert_acts_first_and_the_oracles_actions_are_recorded(self, tmp_path):
         task, view = "pybullet/PandaPush-v3", View(image_size=96, render_profile=RenderProfile.FAST)
         helped = collect(CollectionRequest((task,), 3, view, learner="zoo:experts"), tmp_path, Quiet())

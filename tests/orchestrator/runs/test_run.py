@@ -287,10 +287,10 @@ def test_two_processes_do_not_write_into_one_folder(run, suite):
 
 @pytest.fixture
 def tiny_disk(tmp_path):
-    """A file system of 400 KiB."""
+    """A file system of 300 KiB."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", str(folder)]
+    command = ["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(folder)]
     if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("this machine lets nobody mount a small file system")
     yield folder
@@ -298,15 +298,15 @@ def tiny_disk(tmp_path):
 
 
 def test_a_full_disk_stops_the_run_which_can_be_continued(tiny_disk, suite, tmp_path):
-    path = suite(SUITE.replace("count: 20", "count: 600"))
+    path = suite(SUITE.replace("count: 20", "count: 300"))
     run = Run(tiny_disk / "run")
     outcome = run(path)
     assert outcome.document.status is RunStatus.STOPPED
     assert "full" in outcome.document.reason
-    assert 0 < outcome.done < 1200
+    assert 0 < outcome.done < 600
     subprocess.run(["mount", "-o", "remount,size=100m", str(tiny_disk)], check=True)
     outcome = run(path)
-    assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 1200)
+    assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 600)
 
 
 def test_the_place_of_inference_is_chosen_shown_and_recorded(run, suite):
