@@ -202,6 +202,7 @@ def _lines(charts: Sequence[LineChart], series: dict[str, int]) -> Figure:
         panel.set_title(chart.title, loc="left", fontweight="bold", pad=3)
         panel.set_xticks(*zip(*chart.ticks, strict=True))
         panel.set_xlabel(chart.x_label)
+        panel.set_xlim(0, 100)
         panel.set_ylim(0, 100)
         panel.set_yticks(range(0, 101, 25))
         panel.grid(axis="y", **GRID)
@@ -251,7 +252,10 @@ def _heat_map(block: HeatMap, name: str, shown: slice) -> Figure:
     cells = [line[shown] for _, line in block.rows]
     figure, panels = new_figure(0.14 * len(cells) + 0.75 + (0.4 if len(columns) > 4 else 0))
     panel = panels[0, 0]
-    colours = [[mixed(HEAT_COLOURS[cell.kind], cell.share) for cell in line] for line in cells]
+    colours = [
+        [mixed(HEAT_COLOURS[cell.kind], 1.0 if cell.kind == "nothing" else cell.share) for cell in line]
+        for line in cells
+    ]
     panel.imshow(colours, aspect="auto", interpolation="nearest")
     for y, line in enumerate(cells):
         for x, cell in enumerate(line):

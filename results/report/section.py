@@ -2,13 +2,22 @@
 
 A section is one file: it says which columns of the rows it reads, builds its data from them once, and returns the
 blocks that show these. Sections of this package are in `sections/`; other distributions add theirs by entry points of
-the group `robogauntlet.sections`, each of which names a `Section`.
+the group `robogauntlet.sections`, each of which names a `Section`:
+
+    SECTION = Section(
+        name="length",
+        title="How long it takes",
+        columns=("steps",),
+        build=lambda source: int(source.rows["steps"].max()),
+        type=int,
+        blocks=lambda longest, page: [Paragraph(f"The longest episode has {longest} control steps.")],
+    )
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -93,14 +102,6 @@ class Page:
     media: Media
 
 
-def _nothing(source: Source) -> None:
-    return None
-
-
-def _always(document: RunDocument) -> bool:
-    return True
-
-
 @dataclass(frozen=True, slots=True)
 class Section:
     """A section of the report."""
@@ -111,19 +112,19 @@ class Section:
     """Its heading, and its link in the list of contents."""
     blocks: Callable[[Any, Page], Iterable[Block]]
     """What it shows, given its data and the page; without blocks, it is left out."""
-    build: Callable[[Source], Any] = _nothing
+    build: Callable[[Source], Any] = lambda source: None
     """Its data; None if the run has nothing for it."""
     columns: tuple[str, ...] = ()
     """Fields of the record that `build` reads."""
-    applies: Callable[[RunDocument], bool] = _always
+    applies: Callable[[RunDocument], bool] = lambda document: True
     """Whether a run can have data for it; if not, its columns are not read."""
     type: Any = None
     """Type of its data in `summary.json`; None for a section that only shows the tables of the run."""
-    sentences: Callable[[Any], Iterable[str]] = field(default=lambda data: ())
+    sentences: Callable[[Any], Iterable[str]] = lambda data: ()
     """Findings for the terminal."""
-    text_tables: Callable[[Any, Report], Iterable[tuple[str, TextTable]]] = field(default=lambda data, report: ())
+    text_tables: Callable[[Any, Report], Iterable[tuple[str, TextTable]]] = lambda data, report: ()
     """Tables for the terminal, with their titles."""
-    links: Callable[[Any], Iterable[tuple[str, str]]] = field(default=lambda data: ())
+    links: Callable[[Any], Iterable[tuple[str, str]]] = lambda data: ()
     """Anchors and texts of further links in the list of contents."""
 
 

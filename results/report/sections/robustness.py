@@ -41,8 +41,6 @@ from robogauntlet.results.report.media import Video
 from robogauntlet.results.report.section import Page, Section, Source
 from robogauntlet.results.statistics.rates import Interval
 
-NO_CURVES = "No results with a clean condition to compare."
-
 
 def _terms(*names: str) -> Terms:
     return Terms({name: DEFINITIONS[name] for name in names})
@@ -115,7 +113,7 @@ def _comparison(found: ConditionComparison) -> Iterator[Block]:
     yield _terms("lost against", "lost beyond clean")
     if rule := compared.stopping_rule(found):
         yield Paragraph(rule)
-    yield Charts(tuple(_losses(policy, rows) for policy, rows in compared.interactions_of(found)))
+    yield Charts(tuple(_losses(policy, found.baseline, rows) for policy, rows in compared.interactions_of(found)))
     yield Table(compared.interaction_table(found), "Success lost beyond the clean loss")
     yield Table(compared.loss_table(found), f"Success lost against {found.baseline}")
     if found.routers:
@@ -124,17 +122,15 @@ def _comparison(found: ConditionComparison) -> Iterator[Block]:
         yield Table(compared.router_table(found), "Router accuracy beside success at every level")
 
 
-def _losses(policy: str, rows: tuple[Interaction, ...]) -> IntervalPlot:
+def _losses(policy: str, baseline: str, rows: tuple[Interaction, ...]) -> IntervalPlot:
     marks = []
     for row in rows:
         at, text = compared.plot_position(row.extra.value), f"{row.axis}: {points(row.extra)}"
         marks.append((row.axis, (Mark(at, _ends(row.extra.interval), _ends(row.corrected), text),)))
     ticks = tuple((tick + 50, f"{tick:+d}" if tick else "0") for tick in (-50, -25, 0, 25, 50))
-    label, x_label = (
-        f"{policy}: success lost beyond the clean loss, axis by axis",
-        "lost beyond clean (percentage points)",
-    )
-    return IntervalPlot(policy, policy, label, tuple(marks), ticks, x_label, "losses")
+    label = f"{policy}: success lost beyond the clean loss, axis by axis"
+    below = f"lost against {baseline} beyond clean (percentage points)"
+    return IntervalPlot(policy, policy, label, tuple(marks), ticks, below, "losses")
 
 
 def _ends(interval: Interval | None) -> tuple[float, float] | None:
@@ -161,7 +157,7 @@ def _curves(found: Robustness, page: Page) -> Iterator[Block]:
         if words.axis_curves(found, axis):
             yield Table(words.curves_table(found, axis), f"{axis}: success by severity")
         else:
-            yield Paragraph(NO_CURVES)
+            yield Paragraph("No results with a clean condition to compare.")
         yield from _videos(axis, page)
 
 
