@@ -14,6 +14,7 @@ from hypothesis import settings
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator import kit
 from tests.jobs import JOBS
+from tests.orchestrator.conftest import run_command  # noqa: F401
 
 # The duration of an example depends on the load of the machine, not on the code.
 settings.register_profile(

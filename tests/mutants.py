@@ -37,7 +37,7 @@ RESULT = ROOT / "tests" / "mutants.json"
 TESTS = {
     "results/statistics": ("results/statistics", "results/analysis"),
     "results/analysis": ("results/analysis", "results/report", "results/test_api.py"),
-    "suites": ("suites",),
+    "suites": ("suites", "bad_input/test_suites.py"),
     "orchestrator/scheduling": ("orchestrator/scheduling",),
     "orchestrator/episodes": ("orchestrator/episodes",),
 }

@@ -12,7 +12,6 @@ import yaml
 from tests import ROOT
 from tests.hosted_actions import HostedRunner, action_steps, load, write_program
 from tests.jobs import JOBS
-from tests.processes import GAUNTLET, run_process
 
 OURS = tuple(f".github/workflows/{name}.yml" for name in ("ci", "studies", *JOBS))
 WORKFLOWS = (*OURS, "examples/github-nightly.yml")
@@ -185,25 +184,26 @@ def hook():
     return found
 
 
-def test_the_hook_passes_a_good_suite_and_names_the_mistakes_of_a_bad_one(tmp_path):
+def test_the_hook_passes_a_good_suite_and_names_the_mistakes_of_a_bad_one(run_command, tmp_path):
     program, *words = shlex.split(hook()["entry"])
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     assert program in scripts
     (tmp_path / "good.yaml").write_text(SUITE)
     (tmp_path / "bad.yaml").write_text(SUITE.replace("null/Reach", "null/Raech").replace("count: 40", "count: none"))
-    passed = run_process([*GAUNTLET, *words, "good.yaml"], tmp_path)
-    assert passed.returncode == 0, passed.stderr
-    refused = run_process([*GAUNTLET, *words, "good.yaml", "bad.yaml"], tmp_path)
-    assert refused.returncode == 2
-    assert "bad.yaml" in refused.stderr
+    passed = run_command(*words, "good.yaml")
+    assert passed.code == 0, passed.err
+    refused = run_command(*words, "good.yaml", "bad.yaml")
+    assert refused.code == 2
+    assert "bad.yaml" in refused.err
 
 
-def test_the_hook_starts_nothing_that_a_suite_names(tmp_path):
+def test_the_hook_starts_nothing_that_a_suite_names(run_command, monkeypatch, tmp_path):
     (tmp_path / "named.py").write_text("open('imported', 'w').close()\ndef act(*values): return []\n")
     policy = json.dumps({"name": "named", "kind": "python", "options": {"callable": "named:act"}})
     (tmp_path / "suite.yaml").write_text(SUITE.replace("[oracle, random]", f"[{policy}]"))
-    done = run_process([*GAUNTLET, *shlex.split(hook()["entry"])[1:], "suite.yaml"], tmp_path, paths=[tmp_path])
-    assert done.returncode == 0, done.stderr
+    monkeypatch.syspath_prepend(tmp_path)
+    done = run_command(*shlex.split(hook()["entry"])[1:], "suite.yaml")
+    assert done.code == 0, done.err
     assert not (tmp_path / "imported").exists()
 
 

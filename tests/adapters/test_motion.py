@@ -65,6 +65,7 @@ def test_joints_come_nearer_to_their_limits_when_the_arm_stretches(task):
     assert min(motion.joint_margin for motion in stretched) < here
 
 
+@pytest.mark.simulator
 @pytest.mark.parametrize("task", ["robosuite/Lift", "robosuite/Lift@Jaco"])
 def test_motion_equals_to_the_bit_what_arrays_of_mujoco_say(task):
     simulation = open_simulation(task, VIEW)

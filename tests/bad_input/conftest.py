@@ -6,7 +6,6 @@ import pytest
 
 from robogauntlet.orchestrator.cli import main
 from tests.bad_input import folder
-from tests.orchestrator.conftest import run_command  # noqa: F401
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.mergevla.experts import save_experts
-from tests.orchestrator.conftest import ray_here, run_command  # noqa: F401
+from tests.orchestrator.conftest import ray_here  # noqa: F401
 
 
 @pytest.fixture(scope="session")

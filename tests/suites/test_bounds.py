@@ -31,8 +31,8 @@ HOSTILE = {
     "tasks that a policy cannot play": ({"policies": "[oracle]"}, MORE),
     "unknown policies": ({"policies": str([f"zeroo{i}" for i in range(900)]), "tasks": str([*TASKS][:1])}, MORE),
     "unknown conditions": ({"conditions": str([f"lights{i}@2" for i in range(99)]), "tasks": str([*TASKS][:9])}, None),
-    "unknown keys": ({f"key{i}": "1" for i in range(40_000)}, MORE),
-    "keys that occur twice": ({"name": "s\n" + "name: s\n" * 20_000}, MORE),
+    "unknown keys": ({f"key{i}": "1" for i in range(20_000)}, MORE),
+    "keys that occur twice": ({"name": "s\n" + "name: s\n" * 10_000}, MORE),
     "cells": (
         {"policies": str([{"name": f"p{i}", "kind": "zero"} for i in range(20)]).replace("'", ""), "conditions": AXES},
         f"expected at most {MAX_CELLS:,} combinations of task, policy and condition, got 10,000 x 20 x 7 = 1,400,000",

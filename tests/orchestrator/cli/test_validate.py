@@ -11,7 +11,7 @@ from robogauntlet.orchestrator.cli.serve.dashboard import serve as dashboard
 from robogauntlet.orchestrator.cli.serve.policy import serve as policy_server
 from robogauntlet.orchestrator.registry import SHIPPED
 from robogauntlet.orchestrator.runs.plan import make_plan
-from tests.processes import run_gauntlet, run_process
+from tests.processes import run_process
 
 MISSING = (
     *("torch", "mujoco", "robosuite", "sapien", "mani_skill", "pybullet", "panda_gym", "metaworld", "gymnasium"),
@@ -64,7 +64,7 @@ def test_mistakes_are_reported_without_simulators(suite):
 
 
 @pytest.mark.parametrize("verb", [("plan", "--check"), ("plan",)])
-def test_nothing_that_a_suite_names_is_imported_contacted_or_started(tmp_path, verb):
+def test_nothing_that_a_suite_names_is_imported_contacted_or_started(run_command, monkeypatch, tmp_path, verb):
     marker = tmp_path / "started"
     (tmp_path / "named.py").write_text(f"open({str(marker)!r}, 'w')\n\n\ndef act(**observation):\n    pass\n")
     interpreter = tmp_path / "python"
@@ -77,13 +77,14 @@ def test_nothing_that_a_suite_names_is_imported_contacted_or_started(tmp_path, v
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"openpi://127.0.0.1:{server.getsockname()[1]}"
         file.write_text(SUITE.replace("[oracle]", f'[oracle, {policy}, "{address}"]'))
-        done = run_gauntlet(*verb, file, ROBOGAUNTLET_CONFIG=str(configuration))
+        monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(configuration))
+        done = run_command(*verb, file)
         server.settimeout(0.1)
         with pytest.raises(TimeoutError):
             server.accept()
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "6 episodes" in done.stdout
-    assert "nothing that a suite names is imported or contacted; --start does" in done.stdout
+    assert (done.code, done.err) == (0, "")
+    assert "6 episodes" in done.out
+    assert "nothing that a suite names is imported or contacted; --start does" in done.out
     assert not marker.exists()
 
 
@@ -97,14 +98,14 @@ def test_nothing_is_downloaded_from_the_hub(tmp_path, run_command, monkeypatch, 
 
 
 @pytest.mark.parametrize("verb", [("plan", "--check"), ("plan",)])
-def test_a_policy_server_that_does_not_answer_is_a_note(tmp_path, verb):
+def test_a_policy_server_that_does_not_answer_is_a_note(run_command, tmp_path, verb):
     file = tmp_path / "suite.yaml"
     file.write_text(SUITE.replace("[oracle]", '[oracle, "openpi://127.0.0.1:9"]'))
-    done = run_gauntlet(*verb, "--start", file)
-    assert done.returncode == 0
-    assert "4 episodes" in done.stdout
-    assert "hash unknown until its policies can be identified" in done.stdout
-    assert "policy server ws://127.0.0.1:9" in done.stdout + done.stderr
+    done = run_command(*verb, "--start", file)
+    assert done.code == 0
+    assert "4 episodes" in done.out
+    assert "hash unknown until its policies can be identified" in done.out
+    assert "policy server ws://127.0.0.1:9" in done.out + done.err
 
 
 def test_the_doctor_fails_where_no_simulator_is_installed():
