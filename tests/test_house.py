@@ -55,7 +55,7 @@ BUDGETS = {
     "mergevla": 8_905,
     "results": 14_710,
     "suites": 2_906,
-    "src/robogauntlet": 1_030,
+    "src/robogauntlet": 980,
     "tests": 47_270,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""

@@ -41,8 +41,8 @@ def conformance_tests(
 
     from robogauntlet.adapters import catalog
     from robogauntlet.orchestrator.kit.adapter import CHECKS
-    from robogauntlet.orchestrator.kit.adapter.check import Outcome
     from robogauntlet.orchestrator.kit.adapter.runner import checks_for, default_tasks
+    from robogauntlet.orchestrator.kit.finding import Level
     from robogauntlet.suites.plugins import did_you_mean
 
     declared = catalog.find(simulator)
@@ -56,12 +56,12 @@ def conformance_tests(
 
     @pytest.mark.parametrize(("robogauntlet_task", "robogauntlet_check"), pairs)
     def conforms(robogauntlet_checks: TaskCheckers, robogauntlet_task: str, robogauntlet_check: str) -> None:
-        results = robogauntlet_checks.for_task(robogauntlet_task).run(CHECKS[robogauntlet_check])
-        failed = [str(result) for result in results if result.outcome is Outcome.FAILED]
+        findings = robogauntlet_checks.for_task(robogauntlet_task).run(CHECKS[robogauntlet_check])
+        failed = [str(finding) for finding in findings if finding.level is Level.FAILED]
         if failed:
             pytest.fail("\n".join(failed), pytrace=False)
-        if results[0].outcome is Outcome.SKIPPED:
-            reason = results[0].seen
+        if findings[0].level is Level.SKIPPED:
+            reason = findings[0].text
             if may_skip is not None and f"{robogauntlet_task.partition('/')[2]}:{robogauntlet_check}" not in may_skip:
                 pytest.fail(f"{robogauntlet_check}: expected it to run; seen: skipped: {reason}", pytrace=False)
             pytest.skip(reason)

@@ -6,8 +6,7 @@ import json
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -18,7 +17,7 @@ from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.kit.adapter import CHECKS
-from robogauntlet.orchestrator.kit.adapter.check import Check, CheckResult, Outcome
+from robogauntlet.orchestrator.kit.adapter.check import Check
 from robogauntlet.orchestrator.kit.adapter.runner import (
     MAX_TASKS,
     TIME_LIMIT_S,
@@ -26,11 +25,13 @@ from robogauntlet.orchestrator.kit.adapter.runner import (
     default_tasks,
     run_checks,
 )
+from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted
 
-MARKS = {Outcome.PASSED: "ok", Outcome.FAILED: "FAILED", Outcome.SKIPPED: "-"}
+MARKS = {Level.OK: "ok", Level.FAILED: "FAILED", Level.SKIPPED: "-"}
+OUTCOMES = {Level.OK: "passed", Level.FAILED: "failed", Level.SKIPPED: "skipped"}
 
 
 def check(
@@ -61,17 +62,17 @@ def check(
         finished: set[tuple[str, str]] = set()
         lock = threading.Lock()
 
-        def on_result(result: CheckResult) -> None:
+        def on_finding(finding: Finding) -> None:
             with lock:
-                finished.add((result.task, result.check))
-                progress.update(bar, completed=len(finished), doing=f"{result.task} {result.check}")
+                finished.add((finding.task, finding.topic))
+                progress.update(bar, completed=len(finished), doing=f"{finding.task} {finding.topic}")
 
-        results = run_checks(wanted, limit_s=time_limit, on_result=on_result)
+        findings = run_checks(wanted, limit_s=time_limit, on_finding=on_finding)
     if as_json:
-        print(json.dumps([asdict(result) for result in results], indent=1))
+        print(json.dumps([_document(finding) for finding in findings], indent=1))
     else:
-        _show(wanted, results, time.perf_counter() - began)
-    if any(result.outcome is Outcome.FAILED for result in results):
+        _show(wanted, findings, time.perf_counter() - began)
+    if any(finding.level is Level.FAILED for finding in findings):
         raise typer.Exit(1)
 
 
@@ -105,32 +106,43 @@ def _checks(only: Sequence[str] | None) -> list[Check]:
     return [check for name, check in CHECKS.items() if not only or name.startswith(tuple(only))]
 
 
-def _show(wanted: Mapping[str, Sequence[Check]], results: Sequence[CheckResult], seconds: float) -> None:
+def _document(finding: Finding) -> dict[str, Any]:
+    return {
+        "check": finding.topic,
+        "task": finding.task,
+        "outcome": OUTCOMES[finding.level],
+        "expected": finding.expected,
+        "seen": finding.text,
+        "look": finding.look,
+        "seconds": finding.numbers.get("seconds", 0.0),
+    }
+
+
+def _show(wanted: Mapping[str, Sequence[Check]], findings: Sequence[Finding], seconds: float) -> None:
     """Print a table of checks and tasks, the reasons of skipped checks, and the failures."""
     table = Table("check", box=None, pad_edge=False)
     for task in wanted:
         table.add_column(task.partition("/")[2], no_wrap=True)
     table.add_column("promise")
-    worst: dict[tuple[str, str], Outcome] = {}
-    for result in results:
-        worst.setdefault((result.check, result.task), result.outcome)
+    worst: dict[tuple[str, str], Level] = {}
+    for finding in findings:
+        worst.setdefault((finding.topic, finding.task), finding.level)
     checks = list(dict.fromkeys(check for checks in wanted.values() for check in checks))
     for check in checks:
         marks = [MARKS[worst[check.name, task]] if check in checks else "" for task, checks in wanted.items()]
         table.add_row(check.name, *marks, check.promise)
     out.print(table)
     skipped: dict[tuple[str, str], list[str]] = {}
-    for result in results:
-        if result.outcome is Outcome.SKIPPED:
-            skipped.setdefault((result.task, result.seen), []).append(result.check)
+    for finding in findings:
+        if finding.level is Level.SKIPPED:
+            skipped.setdefault((finding.task, finding.text), []).append(finding.topic)
     out.print()
     for (task, reason), names in skipped.items():
         print_line(f"{task}: {', '.join(names)}: skipped: {reason}")
-    for result in results:
-        if result.outcome is Outcome.FAILED:
-            fail(f"{result.task}: {result}")
-    counts = {outcome: list(worst.values()).count(outcome) for outcome in Outcome}
-    numbers = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
+    for finding in findings:
+        if finding.level is Level.FAILED:
+            fail(f"{finding.task}: {finding}")
+    numbers = ", ".join(f"{list(worst.values()).count(level)} {outcome}" for level, outcome in OUTCOMES.items())
     out.print(
         f"{counted(len(checks), 'check')} on {counted(len(wanted), 'task')} in {seconds:.0f} s: {numbers}", markup=False
     )

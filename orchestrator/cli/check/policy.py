@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from collections.abc import Sequence
-from contextlib import redirect_stdout
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +14,7 @@ import typer
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.cli.common import RUNS, PolicyOptions, out, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level
+from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.policies import catalog
 from robogauntlet.policies.references import FORMS, read_options, read_reference, with_options
 from robogauntlet.suites.plugins import did_you_mean
@@ -25,6 +22,7 @@ from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted
 
 TASK = "pybullet/PandaPickAndPlace-v3"
+FIELDS = ("topic", "level", "text", "numbers")
 PICTURE = RUNS / "policy-check.png"
 
 
@@ -59,15 +57,12 @@ def check(
     from PIL import Image
 
     from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-    from robogauntlet.orchestrator.kit.policy.check import Probe, check_policy, check_policy_apart
-    from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_simulator_environment
+    from robogauntlet.orchestrator.kit.policy.check import Probe, check_policy
 
     began = time.perf_counter()
     probe = Probe(policy, PolicySource(kind, options, catalog.digest(kind, options)), task, seed, image_size)
-    simulator = simulators.find(task.partition("/")[0])
-    with out.status(f"playing {policy} in {task}"), redirect_stdout(sys.stderr):  # a policy may print
-        checking = check_policy_apart if environments.resolve(simulator) is None else check_policy
-        results = run_in_simulator_environment(checking, simulator, (probe,), environments)
+    with out.status(f"playing {policy} in {task}"):
+        results = list(check_policy(probe))
     findings = [result for result in results if isinstance(result, Finding)]
     images = [result for result in results if not isinstance(result, Finding)]
     try:
@@ -91,7 +86,8 @@ def _check_places(task: str, picture: Path) -> None:
 
 def _show(findings: Sequence[Finding], picture: str | None, seconds: float, as_json: bool) -> None:
     if as_json:
-        print(json.dumps({"findings": [asdict(finding) for finding in findings], "picture": picture}, indent=1))
+        plain = [{name: getattr(finding, name) for name in FIELDS} for finding in findings]
+        print(json.dumps({"findings": plain, "picture": picture}, indent=1))
         return
     width = max(12, *(len(finding.topic) + 1 for finding in findings))
     for finding in findings:

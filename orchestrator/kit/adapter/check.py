@@ -1,4 +1,4 @@
-"""A check of an adapter, and its results."""
+"""A check of an adapter."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 from robogauntlet.adapters.contract import AdapterError
@@ -17,37 +16,7 @@ from robogauntlet.orchestrator.kit.adapter.checked_task import (
     Start,
     describe,
 )
-
-
-class Outcome(StrEnum):
-    """How a check ended."""
-
-    PASSED = "passed"
-    FAILED = "failed"
-    SKIPPED = "skipped"
-    """It does not apply to this task, or could not run."""
-
-
-@dataclass(frozen=True)
-class CheckResult:
-    """The result of one check in one task. A failed check has a result for each violation."""
-
-    check: str
-    task: str
-    outcome: Outcome
-    expected: str = ""
-    """The promise of the contract."""
-    seen: str = ""
-    """What was seen instead; the reason of a skipped check."""
-    look: str = ""
-    """Where to look for the mistake."""
-    seconds: float = 0.0
-    """Duration of the check."""
-
-    def __str__(self) -> str:
-        if self.outcome is Outcome.FAILED:
-            return f"{self.check}: expected {self.expected}; seen: {self.seen}; look at {self.look}"
-        return f"{self.check}: {self.outcome}" + (f": {self.seen}" if self.seen else "")
+from robogauntlet.orchestrator.kit.finding import Finding, Level
 
 
 @dataclass(frozen=True)
@@ -83,12 +52,13 @@ class Check:
     of_joints: bool | None = None
     """Whether it is for tasks with the targets of joints (True), for those that move a tool (False), or for both."""
 
-    def run(self, subject: CheckedTask) -> list[CheckResult]:
-        """Run the check in a task and return at least one result."""
+    def run(self, subject: CheckedTask) -> list[Finding]:
+        """Run the check in a task and return at least one finding, one for each violation."""
         start = time.perf_counter()
 
-        def result(outcome: Outcome, expected: str = "", seen: str = "", look: str = "") -> CheckResult:
-            return CheckResult(self.name, subject.task, outcome, expected, seen, look, time.perf_counter() - start)
+        def found(level: Level, text: str = "", expected: str = "", look: str = "") -> Finding:
+            numbers = {"seconds": time.perf_counter() - start}
+            return Finding(self.name, level, text, numbers, subject.task, expected, look)
 
         try:
             if self.renders and not subject.simulator.renders:
@@ -97,18 +67,17 @@ class Check:
                 raise NotApplicable("an action moves the tool" if self.of_joints else "an action has targets of joints")
             violations = list(self.body(subject))
         except NotApplicable as reason:
-            return [result(Outcome.SKIPPED, seen=str(reason))]
+            return [found(Level.SKIPPED, str(reason))]
         except CannotOpen:
-            return [result(Outcome.SKIPPED, seen="the task cannot be opened, see the check 'opens'")]
+            return [found(Level.SKIPPED, "the task cannot be opened, see the check 'opens'")]
         except EpisodeOver:
-            return [result(Outcome.SKIPPED, seen="the simulation ends the episode before the check is through")]
+            return [found(Level.SKIPPED, "the simulation ends the episode before the check is through")]
         except AdapterError as error:
-            return [result(Outcome.FAILED, self.promise, f"{type(error).__name__}: {error}", self.look)]
+            return [found(Level.FAILED, f"{type(error).__name__}: {error}", self.promise, self.look)]
         except Exception as error:
-            return [result(Outcome.FAILED, self.promise, describe(error), place_of(error))]
-        if not violations:
-            return [result(Outcome.PASSED)]
-        return [result(Outcome.FAILED, violation.expected, violation.seen, self.look) for violation in violations]
+            return [found(Level.FAILED, describe(error), self.promise, place_of(error))]
+        failures = [found(Level.FAILED, broken.seen, broken.expected, self.look) for broken in violations]
+        return failures or [found(Level.OK)]
 
 
 def check(

@@ -108,7 +108,7 @@ def seeds_new_process(subject: CheckedTask) -> Iterator[Violation]:
     """An equal seed gives an equal episode in another process."""
     seed = SEEDS[2]
     subject.simulation.reset(0)
-    answer = ask_new_process(subject.task, subject.view, {"trace": seed})
+    answer = ask_new_process(subject.task, {"trace": seed})
     own = asdict(trace(subject, seed))
     parts = [name for name in ("start", "end", "exact_end") if answer[name] != own[name]]
     yield from expect(not parts, f"seed {seed} to be the same in another process", f"others: {', '.join(parts)}")

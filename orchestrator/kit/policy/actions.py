@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, FloatArray
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level, percent
+from robogauntlet.orchestrator.kit.finding import Finding, Level, percent
 from robogauntlet.orchestrator.kit.policy.recording import Play
 
 NORMALISED = 1.5

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import base64
+import os
+import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import Image, Simulation
-from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
+from robogauntlet.adapters.contract import AdapterError, FloatArray, Image, Simulation, SimulatorUnavailable
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.inference.planned_policy import LOADING_S
+from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.orchestrator.kit.policy import actions, joints, motion, observation, repetition
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level
-from robogauntlet.orchestrator.kit.policy.own_process import ProcessEnded, close_policy, run_apart
 from robogauntlet.orchestrator.kit.policy.picture import draw_picture
 from robogauntlet.orchestrator.kit.policy.recording import InvalidAnswer, Play, play
+from robogauntlet.orchestrator.kit.process import CheckProcess
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import (
     Policy,
@@ -29,7 +35,12 @@ from robogauntlet.policies.contract import (
 )
 from robogauntlet.policies.remote.conversion import EncodesImages
 from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, View
+from robogauntlet.support.child_process import ChildEnded, ChildTimeout
+from robogauntlet.support.secret_variables import playing_variables
 
+ENDED = "the policy ended its process"
+DAY_S = 86_400.0
+"""No limit for a check in all: each answer of the policy has its own."""
 STEPS = 40
 """Control steps of an episode, unless the task's horizon is shorter."""
 IMAGE_SIZE = View().image_size
@@ -53,40 +64,70 @@ class Probe:
     """Height and width of frames (px); None for what the policy asks for, or else that of a suite."""
 
 
+def as_plain(found: Finding | Image) -> dict[str, Any]:
+    """Return a finding, or the picture, as values of JSON."""
+    if isinstance(found, Finding):
+        return asdict(found)
+    return {"shape": found.shape, "pixels": base64.b64encode(found.tobytes()).decode()}
+
+
+def from_plain(plain: Mapping[str, Any]) -> Finding | Image:
+    """Return what `as_plain` has written."""
+    if "pixels" in plain:
+        return np.frombuffer(base64.b64decode(plain["pixels"]), np.uint8).reshape(plain["shape"])
+    return Finding.from_plain(plain)
+
+
 def check_policy(probe: Probe) -> Iterator[Finding | Image]:
-    """Play the policy, and yield findings and at last their picture, unless no episode could be played.
+    """Play the policy in a process of its own, and yield findings and at last their picture, if it was played.
+
+    Threads, another working directory or a crash of the policy stay in the process.
 
     Raises:
         PolicyError: The policy cannot be loaded, or cannot act in the task.
         AdapterError: The task cannot be opened.
     """
-    _check_arms(probe)
-    policy = build_policy(probe.source)
     try:
-        yield from _findings(policy, probe)
+        yield from map(from_plain, _ask_apart(probe, "check"))
+    except ChildEnded:
+        yield Finding("answer", Level.FAILED, ENDED)
+
+
+def _ask_apart(probe: Probe, request: str) -> Any:
+    """Return what `child.py` answers to a request, and print what it printed to standard error.
+
+    Raises:
+        ChildEnded: The process ended before it answered.
+        PolicyError: The policy was not built within `LOADING_S`, or its process says why it cannot be checked.
+        AdapterError: The task cannot be opened.
+    """
+    simulator, source = simulators.find(probe.task.partition("/")[0]), probe.source
+    environments = EnvironmentResolver()
+    has_own = environments.resolve(simulator) is not None
+    if has_own and (reason := environments.missing_reason(simulator)):
+        raise SimulatorUnavailable(f"{simulator.name}: {reason}")
+    plain = {**vars(probe), "source": {"kind": source.kind, "options": source.options, "digest": source.digest}}
+    building = {"probe": plain, "path": None if has_own else sys.path}
+    variables = {**playing_variables(os.environ), **(source.variables or {})}
+    process = CheckProcess(probe.task, "policy.child", variables=variables)
+    try:
+        for asked, limit_s in ((building, LOADING_S), (request, DAY_S)):
+            answer = process.ask(asked, limit_s)
+            if "error" in answer:
+                raise (AdapterError if answer["of_adapter"] else PolicyError)(answer["error"])
+    except ChildTimeout:
+        text = f"expected the policy to be built within {LOADING_S:g} s, got none; find out where it hangs"
+        raise PolicyError(text) from None
     finally:
-        close_policy(policy)
+        sys.stderr.write(process.stderr)
+        process.close()
+    return answer["answer"]
 
 
-def check_policy_apart(probe: Probe) -> Iterator[Finding | Image]:
-    """The same in a process of its own: threads, another working directory or a crash of the policy stay there."""
-    _check_arms(probe)
-    try:
-        yield from run_apart(_checked, probe.source, probe)
-    except ProcessEnded as error:
-        yield Finding("answer", Level.FAILED, str(error))
-
-
-def _check_arms(probe: Probe) -> None:
+def findings_of(policy: Policy, probe: Probe) -> Iterator[Finding | Image]:
+    """Play a policy that is built; see `check_policy`."""
     if simulators.body_of(probe.task).arms != 1:
         raise PolicyError(f"expected a task of one arm, to check a policy; {probe.task} has two arms")
-
-
-def _checked(policy: Policy, probe: Probe) -> list[Finding | Image]:
-    return list(_findings(policy, probe))
-
-
-def _findings(policy: Policy, probe: Probe) -> Iterator[Finding | Image]:
     try:
         check_tasks(policy.spec, [probe.task])
     except PolicyMismatch as error:
@@ -114,18 +155,19 @@ def _wishes(probe: Probe) -> Wishes:
     return catalog.wishes(probe.source.kind, probe.source.options)
 
 
-def _in_new_process(probe: Probe, episode: Episode) -> Play:
-    """Play an episode where nothing is left of another one, not even in the policy's modules."""
+def _afresh(probe: Probe) -> FloatArray:
+    """Play the first episode where nothing is left of another one, not even in the policy's modules."""
     try:
-        return run_apart(_play_afresh, probe.source, probe.task, episode)
-    except ProcessEnded as error:
-        raise InvalidAnswer(str(error)) from None
+        return np.array(_ask_apart(probe, "play"))
+    except ChildEnded:
+        raise InvalidAnswer(ENDED) from None
 
 
-def _play_afresh(policy: Policy, task: str, episode: Episode) -> Play:
-    simulation = simulators.open_simulation(task, episode.protocol.view)
+def first_actions(policy: Policy, probe: Probe) -> FloatArray:
+    """Play the first episode and return its actions. Raises as `recording.play`."""
+    simulation = simulators.open_simulation(probe.task, _view(probe, policy.spec))
     try:
-        return play(simulation, policy, episode)
+        return play(simulation, policy, _Check(probe, policy, simulation).episode(0)).actions()
     finally:
         simulation.close()
 
@@ -137,7 +179,7 @@ class _Check:
     def findings(self) -> Iterator[Finding | Image]:
         probe, policy, simulation = self._probe, self._policy, self._simulation
         check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
-        first, other, again = (play(simulation, policy, self._episode(seed)) for seed in (0, 1, 0))
+        first, other, again = (play(simulation, policy, self.episode(seed)) for seed in (0, 1, 0))
         plays, spec = [first, other], simulation.action_spec
         executed = np.concatenate([played.actions() for played in plays])
         replan_every = first.episode.protocol.replan_every
@@ -155,11 +197,11 @@ class _Check:
             yield from observation.sensitivity(policy, first.answers)
         else:
             yield Finding("input", Level.NOTE, f"the policy gets {GIVEN[policy.spec.sees]}")
-        yield from repetition.repeated(first, again, lambda: _in_new_process(probe, first.episode))
+        yield from repetition.repeated(first, again, lambda: _afresh(probe))
         title = f"{probe.name} in {probe.task}: the images as the policy gets them, and its actions (red: limits)"
         yield draw_picture(shown, first.actions(), spec, moves, title)
 
-    def _episode(self, number: int) -> Episode:
+    def episode(self, number: int) -> Episode:
         probe, spec = self._probe, self._simulation.observation_spec
         simulator, _, name = probe.task.partition("/")
         horizon = min(STEPS, simulators.find(simulator).tasks[name].horizon)

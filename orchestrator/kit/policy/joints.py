@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from robogauntlet.adapters.contract import ActionSpec, FloatArray
+from robogauntlet.orchestrator.kit.finding import Finding, Level, percent
 from robogauntlet.orchestrator.kit.policy.actions import constant
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level, percent
 from robogauntlet.orchestrator.kit.policy.motion import HELD
 from robogauntlet.orchestrator.kit.policy.recording import Play
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, FloatArray, Simulation
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level
+from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.orchestrator.kit.policy.recording import Play
 
 STEPS = 5

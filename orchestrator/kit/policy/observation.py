@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Image, Observation
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level, percent
+from robogauntlet.orchestrator.kit.finding import Finding, Level, percent
 from robogauntlet.orchestrator.kit.policy.recording import Answer, InvalidAnswer, ask_again
 from robogauntlet.policies.contract import Policy, Query
 

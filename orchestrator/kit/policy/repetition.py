@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.orchestrator.kit.policy.recording import Play
 
 CLOSE = 1e-4
@@ -14,19 +15,19 @@ CLOSE = 1e-4
 REMEDY = "write reset(self), which resets all state of an episode"
 
 
-def repeated(first: Play, again: Play, play_afresh: Callable[[], Play]) -> Iterator[Finding]:
+def repeated(first: Play, again: Play, play_afresh: Callable[[], FloatArray]) -> Iterator[Finding]:
     """Compare an episode with its repetition by the same policy, after another episode.
 
     Args:
         first: The episode, as the first one that the policy played.
         again: The same episode, after another one.
-        play_afresh: Plays it in a new process, which is needed only if the two differ: if that repeats `first`, then
-            `again` differs by what was kept.
+        play_afresh: Plays it in a new process and returns its actions, which is needed only if the two differ: if that
+            repeats `first`, then `again` differs by what was kept.
 
     Raises:
         InvalidAnswer: The fresh policy raised, or its answer is not an action chunk.
     """
-    gap = largest_difference(first, again)
+    gap = largest_difference(first.actions(), again.actions())
     if gap == 0:
         yield Finding("state", Level.OK, "the same episode after another one: the same actions, bit-identical")
         return
@@ -36,7 +37,7 @@ def repeated(first: Play, again: Play, play_afresh: Callable[[], Play]) -> Itera
         text = f"the same episode after another one: actions differ by up to {gap:.1g}; rows will not be bit-identical"
         yield Finding("state", Level.NOTE, text, numbers)
         return
-    unrepeatable = largest_difference(first, play_afresh())
+    unrepeatable = largest_difference(first.actions(), play_afresh())
     if unrepeatable <= CLOSE:
         text = f"the same episode after another one: other actions {where}, although a new process repeats the first"
         yield Finding("state", Level.FAILED, f"{text}: state leaks from episode to episode; {REMEDY}", numbers)
@@ -49,10 +50,10 @@ def repeated(first: Play, again: Play, play_afresh: Callable[[], Play]) -> Itera
     yield Finding("determinism", Level.WARNING, text, numbers)
 
 
-def largest_difference(one: Play, other: Play) -> float:
-    """Return the largest difference of executed actions, over the steps that both episodes have."""
-    pairs = zip(one.actions(), other.actions(), strict=False)
-    return max(float(np.abs(a - b).max()) for a, b in pairs)
+def largest_difference(one: FloatArray, other: FloatArray) -> float:
+    """Return the largest difference of actions, shape (steps, numbers of an action), over the steps of both."""
+    steps = min(len(one), len(other))
+    return float(np.abs(one[:steps] - other[:steps]).max())
 
 
 def first_difference(one: Play, other: Play) -> int:

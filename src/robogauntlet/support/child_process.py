@@ -20,6 +20,8 @@ from robogauntlet.support.secret_variables import without_secrets
 
 MAX_ANSWER_BYTES = 64 * 2**20
 """Largest answer of a process."""
+LOOK_S = 1.0
+"""Time between checks that a process is alive (s)."""
 END_S = 10.0
 """Time that a process has to exit after it closed its answers (s)."""
 
@@ -133,10 +135,14 @@ class JsonChild:
     def _receive(self, deadline: float, limit_s: float) -> Any:
         end = self._unread.find(b"\n")
         while end < 0:
-            ready, _, _ = select.select([self._answers], [], [], max(0.0, deadline - time.monotonic()))
-            if not ready:
+            left_s = max(0.0, deadline - time.monotonic())
+            ended = not self.alive  # asked besides the pipe, which a process that it has forked may hold open
+            ready, _, _ = select.select([self._answers], [], [], 0.0 if ended else min(LOOK_S, left_s))
+            if not ready and not ended and left_s > LOOK_S:
+                continue
+            if not ready and not ended:
                 raise ChildTimeout(f"the process did not answer within {limit_s:g} s")
-            read = os.read(self._answers, 1 << 16)
+            read = os.read(self._answers, 1 << 16) if ready else b""
             if not read:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self._process.wait(END_S)

@@ -7,8 +7,8 @@ import pytest
 
 from robogauntlet.adapters.contract import Simulator, TaskDescription
 from robogauntlet.orchestrator.kit.adapter import CHECKS
-from robogauntlet.orchestrator.kit.adapter.check import Outcome
 from robogauntlet.orchestrator.kit.adapter.runner import TaskChecker, checks_for, default_tasks, run_checks
+from robogauntlet.orchestrator.kit.finding import Level
 
 
 @pytest.fixture
@@ -28,14 +28,14 @@ def test_a_crash_is_a_result_and_the_next_check_runs_in_a_new_process(start_chec
     dying = start_checker("dies")
     (crashed,) = dying.run(CHECKS["step-outcome"])
     assert "expected the process to survive; seen: the process was killed by SIGKILL" in str(crashed)
-    assert dying.run(CHECKS["description"])[0].outcome is Outcome.PASSED
+    assert dying.run(CHECKS["description"])[0].level is Level.OK
 
 
 def test_after_three_crashes_the_other_checks_are_skipped(start_checker):
     dying = start_checker("dies")
     results = [dying.run(CHECKS[name])[0] for name in ("step-outcome", "seeds", "action-dx", "description")]
-    assert [result.outcome for result in results] == [Outcome.FAILED] * 3 + [Outcome.SKIPPED]
-    assert results[3].seen == "not run: the task's process has crashed or hung 3 times"
+    assert [result.level for result in results] == [Level.FAILED] * 3 + [Level.SKIPPED]
+    assert results[3].text == "not run: the task's process has crashed or hung 3 times"
 
 
 def test_a_hang_is_a_result_with_its_location(start_checker):
@@ -75,21 +75,21 @@ def test_differences_between_processes_are_reported(start_checker):
 def test_a_correct_adapter_passes_in_its_own_process(start_checker):
     correct = start_checker("correct")
     for name in ("declaration", "seeds-new-process", "closes", "axis-camera-orbit"):
-        assert correct.run(CHECKS[name])[0].outcome is Outcome.PASSED
-    assert correct.run(CHECKS["axis-table"])[0].seen == "toysim does not let its table be adjusted"
+        assert correct.run(CHECKS[name])[0].level is Level.OK
+    assert correct.run(CHECKS["axis-table"])[0].text == "toysim does not let its table be adjusted"
 
 
 def test_results_are_passed_on_immediately_and_returned_by_task():
     reported = []
     results = run_checks(
         {task: [CHECKS["description"], CHECKS["observation"]] for task in ("correct/Reach", "otherwords/Reach")},
-        on_result=reported.append,
+        on_finding=reported.append,
     )
-    assert [(f.task, f.check, f.outcome) for f in results] == [
-        ("correct/Reach", "description", Outcome.PASSED),
-        ("correct/Reach", "observation", Outcome.PASSED),
-        ("otherwords/Reach", "description", Outcome.PASSED),
-        ("otherwords/Reach", "observation", Outcome.FAILED),
+    assert [(f.task, f.topic, f.level) for f in results] == [
+        ("correct/Reach", "description", Level.OK),
+        ("correct/Reach", "observation", Level.OK),
+        ("otherwords/Reach", "description", Level.OK),
+        ("otherwords/Reach", "observation", Level.FAILED),
     ]
     assert sorted(map(str, reported)) == sorted(map(str, results))
 

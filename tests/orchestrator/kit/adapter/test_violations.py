@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from robogauntlet.orchestrator.kit.adapter import CHECKS, actions, resources, seeds, types
-from robogauntlet.orchestrator.kit.adapter.check import Outcome
 from robogauntlet.orchestrator.kit.adapter.checked_task import CheckedTask
+from robogauntlet.orchestrator.kit.finding import Level
 from tests.orchestrator.kit.adapter import (  # noqa: F401  register them
     camera_variants,
     joint_variants,
@@ -123,7 +123,7 @@ VIOLATIONS = [
 )
 def test_each_broken_promise_is_reported_in_a_line_by_its_check(subject, variant, check, line):
     results = CHECKS[check].run(subject(variant))
-    assert {result.outcome for result in results} == {Outcome.FAILED}
+    assert {result.level for result in results} == {Level.FAILED}
     text = str(results[0])
     assert text.startswith(f"{check}: expected ")
     assert line in text
@@ -142,24 +142,24 @@ def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, ch
         "ends": "endswithit",
     }
     correct = special.get(check, "correct")
-    assert {result.outcome for result in CHECKS[check].run(subject(correct))} == {Outcome.PASSED}
+    assert {result.level for result in CHECKS[check].run(subject(correct))} == {Level.OK}
 
 
 @pytest.mark.parametrize("check", sorted({c.name for c in (*types.CHECKS, *actions.CHECKS)} - {"oracle"}))
 def test_a_correct_adapter_of_two_arms_fails_no_check_of_its_numbers(subject, check):
-    assert Outcome.FAILED not in {result.outcome for result in CHECKS[check].run(subject("botharecorrect"))}
+    assert Level.FAILED not in {result.level for result in CHECKS[check].run(subject("botharecorrect"))}
 
 
 @pytest.mark.parametrize("check", sorted({c.name for c in (*types.CHECKS, *actions.CHECKS)} - {"oracle"}))
 @pytest.mark.parametrize("variant", ["jointsarecorrect", "planar"])
 def test_a_correct_adapter_of_joints_fails_no_check_of_its_numbers(subject, check, variant):
-    assert Outcome.FAILED not in {result.outcome for result in CHECKS[check].run(subject(variant))}
+    assert Level.FAILED not in {result.level for result in CHECKS[check].run(subject(variant))}
 
 
 @pytest.mark.parametrize("check", ["state-hash", "present"])
 @pytest.mark.parametrize("variant", ["planar", "onlymovesalongx"])
 def test_the_tool_is_moved_as_the_arm_can(subject, check, variant):
-    assert {result.outcome for result in CHECKS[check].run(subject(variant))} == {Outcome.PASSED}
+    assert {result.level for result in CHECKS[check].run(subject(variant))} == {Level.OK}
 
 
 def test_no_check_steps_a_simulation_past_its_end(subject):
@@ -170,20 +170,20 @@ def test_no_check_steps_a_simulation_past_its_end(subject):
 
 def test_culling_is_not_checked_where_all_shapes_are_drawn(subject):
     (result,) = CHECKS["culling"].run(subject("correct"))
-    assert (result.outcome, result.seen) == (Outcome.SKIPPED, "the simulation has no `culling`, so it draws all shapes")
+    assert (result.level, result.text) == (Level.SKIPPED, "the simulation has no `culling`, so it draws all shapes")
 
 
 @pytest.mark.parametrize(("variant", "check"), [("nogoal", "goal"), ("correct", "motion")])
 def test_what_an_adapter_may_leave_out_is_not_checked(subject, variant, check):
-    assert CHECKS[check].run(subject(variant))[0].outcome is Outcome.SKIPPED
+    assert CHECKS[check].run(subject(variant))[0].level is Level.SKIPPED
 
 
 def test_a_start_may_be_outside_the_box_by_the_settling_shift(subject):
-    assert CHECKS["objects-box"].run(subject("slidesasdeclared"))[0].outcome is Outcome.PASSED
+    assert CHECKS["objects-box"].run(subject("slidesasdeclared"))[0].level is Level.OK
 
 
 def test_an_object_is_moved_away_from_all_others(subject):
-    assert CHECKS["objects-move"].run(subject("hasaneighbour"))[0].outcome is Outcome.PASSED
+    assert CHECKS["objects-move"].run(subject("hasaneighbour"))[0].level is Level.OK
 
 
 def test_a_declaration_that_imports_its_simulator_is_reported():
@@ -202,7 +202,7 @@ def test_file_and_line_of_an_adapters_exception_are_reported(subject):
 def test_a_step_that_is_too_slow_for_a_run_is_reported(subject, monkeypatch):
     monkeypatch.setitem(resources.LIMITS_S, "step", 0.02)
     assert "step to take less than 0.02 s; seen: 0.03" in str(CHECKS["pace"].run(subject("slow"))[0])
-    assert CHECKS["pace"].run(subject("correct"))[0].outcome is Outcome.PASSED
+    assert CHECKS["pace"].run(subject("correct"))[0].level is Level.OK
 
 
 def test_free_memory_of_the_process_does_not_hide_growth(subject):
@@ -211,14 +211,14 @@ def test_free_memory_of_the_process_does_not_hide_growth(subject):
     del several
     (result,) = CHECKS["memory"].run(subject("keepsmemory"))
     del last
-    assert result.outcome is Outcome.FAILED
+    assert result.level is Level.FAILED
 
 
 def test_a_task_that_does_not_open_fails_once_and_skips_the_rest(subject):
     closed = subject("raisesatopen")
-    outcomes = {name: check.run(closed)[0].outcome for name, check in CHECKS.items()}
-    assert [name for name, outcome in outcomes.items() if outcome is Outcome.FAILED] == ["opens"]
-    assert [name for name, outcome in outcomes.items() if outcome is Outcome.PASSED] == ["declaration", "description"]
+    outcomes = {name: check.run(closed)[0].level for name, check in CHECKS.items()}
+    assert [name for name, outcome in outcomes.items() if outcome is Level.FAILED] == ["opens"]
+    assert [name for name, outcome in outcomes.items() if outcome is Level.OK] == ["declaration", "description"]
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
+from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.orchestrator.kit.policy import recording
-from robogauntlet.orchestrator.kit.policy.check import Probe, check_policy, check_policy_apart
-from robogauntlet.orchestrator.kit.policy.finding import Finding, Level
+from robogauntlet.orchestrator.kit.policy.check import Probe, check_policy, findings_of
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
 from tests.errors import one_line_error
@@ -36,17 +36,18 @@ def check(tmp_path, request, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     name = f"checked_{abs(hash(request.node.name))}"
 
-    def run(text, task="null/Reach", target="f"):
+    def run(text, task="null/Reach", target="f", apart=False):
         (tmp_path / f"{name}.py").write_text(TOWARDS + text)
         options = {"callable": f"{name}:{target}", "folder": str(tmp_path)}
-        return checked("python", options, task)
+        return checked("python", options, task, apart=apart)
 
     return run
 
 
-def checked(kind, options, task="null/Reach", image_size=None):
+def checked(kind, options, task="null/Reach", image_size=None, apart=False):
     source = PolicySource(kind, options, catalog.digest(kind, options))
-    results = list(check_policy(Probe(kind, source, task, image_size=image_size)))
+    probe = Probe(kind, source, task, image_size=image_size)
+    results = list(check_policy(probe) if apart else findings_of(build_policy(source), probe))
     assert all("\n" not in result.text for result in results if isinstance(result, Finding))
     return results
 
@@ -176,11 +177,11 @@ def test_a_policy_that_would_end_the_command_is_a_finding(check, kind):
         ("os._exit(3)", "the policy ended its process"),
     ],
 )
-def test_whatever_a_policy_does_to_its_process_the_command_goes_on(check, monkeypatch, does, text):
-    monkeypatch.setattr(f"{__name__}.check_policy", check_policy_apart)
+def test_whatever_a_policy_does_to_its_process_the_command_goes_on(check, does, text):
     place = Path.cwd()
     results = check(
-        f"import os, threading\ndef f(images, proprioception, instruction):\n    {does}\n    return chunk(0.01)\n"
+        f"import os, threading\ndef f(images, proprioception, instruction):\n    {does}\n    return chunk(0.01)\n",
+        apart=True,
     )
     assert Path.cwd() == place
     assert [finding.text for finding in found(results, "answer")] == ([text] if text else [])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.contract import ActionSpec, Joint, Observation
+from robogauntlet.orchestrator.kit.finding import Level
 from robogauntlet.orchestrator.kit.policy import joints
-from robogauntlet.orchestrator.kit.policy.finding import Level
 from robogauntlet.orchestrator.kit.policy.observation import sensitivity
 from robogauntlet.orchestrator.kit.policy.recording import Answer, Play
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec, Query, StatelessPolicy
