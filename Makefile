@@ -25,7 +25,7 @@ help:
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make studies    check that the tables of studies/ are those of their kept rows"
 	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages, and examples of properties, than make test takes"
-	@echo "make nightly    installations, environments and pages again, at more length than make test (half an hour)"
+	@echo "make nightly    installations, environments and pages again, at more length than make test (an hour)"
 	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, Slurm, dying nodes (two hours)"
 	@echo "make mutants    change 200 places of the core, one at a time, and say which test notices (hours)"
 	@echo "make report     write the newest run's report again"

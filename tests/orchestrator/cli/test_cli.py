@@ -17,6 +17,7 @@ from robogauntlet.orchestrator.cli.list.axes import _supporting_tasks
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.suites.axes import AXES
 from tests import ROOT
+from tests.jobs import mostly_nightly
 from tests.processes import GAUNTLET, run_gauntlet
 
 SUITE = """
@@ -285,7 +286,9 @@ def count(folder):
 
 
 @pytest.mark.ray
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+@pytest.mark.parametrize(
+    "number", mostly_nightly([signal.SIGINT, signal.SIGTERM], [signal.SIGINT]), ids=lambda number: number.name
+)
 def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp_path, suite, number):
     folder = tmp_path / "run"
     process = start(suite, folder, "--task", "null/*", "--seeds", "50")

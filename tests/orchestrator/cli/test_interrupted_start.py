@@ -8,6 +8,7 @@ from signal import SIGINT, SIGTERM
 import psutil
 import pytest
 
+from tests.jobs import mostly_nightly
 from tests.processes import environment_of
 
 SEND = "os.kill(os.getpid(), NUMBER)"
@@ -70,7 +71,7 @@ main()
 
 
 @pytest.mark.ray
-@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+@pytest.mark.parametrize("number", mostly_nightly([SIGINT, SIGTERM], [SIGTERM]))
 def test_an_interruption_ends_a_command_while_ray_starts_and_leaves_no_process(number):
     words = [sys.executable, "-c", RAY_STARTS.replace("NUMBER", str(int(number)))]
     done = subprocess.run(words, env=environment_of(), capture_output=True, text=True, timeout=120, check=False)
