@@ -21,8 +21,7 @@ def blocks(page, section=""):
     """The blocks of a page in `docs`, or of its section: a file's path and text, or None and the lines of commands."""
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
     if section:
-        text = text.partition(f"\n## {section}\n")[2].partition("\n## ")[0]
-        assert text, f"docs/{page}.md: no section {section}"
+        text = text.split(f"\n## {section}\n")[1].partition("\n## ")[0]
     return [(block["path"], block["text"]) for block in BLOCK.finditer(text)]
 
 

@@ -108,8 +108,8 @@ def command_line() -> str:
         "| 0 | success |",
         "| 1 | a check failed: a difference, a regression, or something that does not work |",
         "| 2 | bad input: one line per mistake; nothing was started |",
-        "| 3 | stopped early; repeat the command to continue |",
-        "| 130 | interrupted; repeat the command to continue |",
+        "| 3 | stopped early; `robogauntlet resume` continues a run |",
+        "| 130 | interrupted; `robogauntlet resume` continues a run |",
         "",
     ]
     context = root.make_context("robogauntlet", [], resilient_parsing=True)
