@@ -121,7 +121,8 @@ chaos: setup
 	$(BIN)/python -m tests.chaos --cluster --runs 20
 	$(BIN)/python -m pytest -q --whole --job chaos
 
-nightly: environments tools
+nightly: environments
+	@bash scripts/test_tools.sh nightly
 	@$(MAKE) --no-print-directory setup
 	$(BIN)/python -m pytest -q --whole --job nightly
 

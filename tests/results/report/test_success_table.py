@@ -117,7 +117,7 @@ def test_letters_that_pdflatex_may_not_have_are_named():
     assert "fontenc" not in rendered(TableFormat.LATEX)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(
     shutil.which("pdflatex") is None, reason="no pdflatex here: apt-get install texlive-latex-recommended"
 )
