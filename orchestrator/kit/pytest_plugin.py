@@ -6,19 +6,19 @@ Every pytest in the environment loads it, so it imports nothing else until such 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
-    from robogauntlet.orchestrator.kit.adapter.runner import TaskCheckers
+    from robogauntlet.orchestrator.kit.adapter.runner import TaskChecker
 
 
 @pytest.fixture(scope="session")
-def robogauntlet_checks() -> Iterator[TaskCheckers]:
-    """Run checks in one process per task, one task at a time."""
-    from robogauntlet.orchestrator.kit.adapter.runner import TaskCheckers
+def robogauntlet_checker(request: pytest.FixtureRequest) -> Iterator[TaskChecker]:
+    """Run checks of a task, its parameter, in one process; pytest ends that before another task's begins."""
+    from robogauntlet.orchestrator.kit.adapter.runner import TaskChecker
 
-    checkers = TaskCheckers()
-    yield checkers
-    checkers.close()
+    with closing(TaskChecker(request.param)) as checker:
+        yield checker

@@ -70,26 +70,6 @@ class TaskChecker:
             self._process = None
 
 
-class TaskCheckers:
-    """One checker at a time: checks of a task share a process, tasks do not."""
-
-    def __init__(self) -> None:
-        self._current: TaskChecker | None = None
-
-    def for_task(self, task: str) -> TaskChecker:
-        """Return the checker of the task, after closing that of another task."""
-        if self._current is None or self._current.task != task:
-            self.close()
-            self._current = TaskChecker(task)
-        return self._current
-
-    def close(self) -> None:
-        """Close the current checker."""
-        if self._current is not None:
-            self._current.close()
-            self._current = None
-
-
 def default_tasks(simulator: Simulator) -> list[str]:
     """Return the tasks that are checked by default: all if they are few, else some, evenly spread."""
     names = [f"{simulator.name}/{task}" for task in simulator.tasks]
