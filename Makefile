@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
-	@echo "make test       set up, check style and types, run all tests"
+	@echo "make test       set up, check style and types, test each promise once"
 	@echo "make test-fast  only the tests that need neither simulators nor Ray (some minutes)"
 	@echo "make environments  the environments of LIBERO, LIBERO-Plus and LeRobot, in which make test plays them"
 	@echo "make lint       ruff and mypy"
