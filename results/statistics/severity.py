@@ -84,7 +84,7 @@ def severity_curve(
         kept, kept_drawn = retention(means, base), retention(drawn, base)
         kept_estimates = tuple(_estimate(*values) for values in zip(kept, kept_drawn.T, strict=True))
         surface = _estimate(area(kept, steps), area(kept_drawn, steps))
-        half = _estimate(half_lost(kept, steps), np.array([half_lost(row, steps) for row in kept_drawn]))
+        half = _estimate(half_lost(kept, steps), half_lost(kept_drawn, steps))
     return SeverityCurve(
         levels=tuple(steps.tolist()),
         rates=tuple(_rate(strata, level, means[:, level]) for level in range(len(steps))),
@@ -124,32 +124,33 @@ def area(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.f
     return found
 
 
-def half_lost(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> float:
+def half_lost(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Severity at which a falling fit of the retention crosses one half (S50), between levels by straight lines.
 
     The fit is the least-squares one that never rises (pool adjacent violators: R. E. Barlow et al., "Statistical
     Inference under Order Restrictions" (1972)).
 
     Args:
-        kept: Retention at each level, shape (levels,).
+        kept: Retention at each level, shape (..., levels).
         levels: Rising.
 
     Returns:
-        The severity; infinite if more than half is kept at the last level; NaN without a retention.
+        The severities, shape (...); infinite if more than half is kept at the last level; NaN without a retention.
     """
     from scipy.optimize import isotonic_regression
 
-    if np.isnan(kept).any():
-        return math.nan
-    falls = (np.diff(kept) <= 0).all()  # as most do: then it is its own fit
-    fit = kept if falls else isotonic_regression(kept, increasing=False).x
-    if fit[-1] > HALF:
-        return math.inf
-    after = int(np.argmax(fit <= HALF))
-    if after == 0:
-        return float(levels[0])
-    share = (fit[after - 1] - HALF) / (fit[after - 1] - fit[after])
-    return float(levels[after - 1] + share * (levels[after] - levels[after - 1]))
+    fits = kept.reshape(-1, len(levels)).copy()
+    unknown = np.isnan(fits).any(axis=1)
+    for rising in np.flatnonzero((np.diff(fits) > 0).any(axis=1) & ~unknown):  # the others are their own fits
+        fits[rising] = isotonic_regression(fits[rising], increasing=False).x
+    after = np.argmax(fits <= HALF, axis=1)
+    before, row = np.maximum(after - 1, 0), np.arange(len(fits))
+    with np.errstate(divide="ignore", invalid="ignore"):  # where no level is before
+        share = (fits[row, before] - HALF) / (fits[row, before] - fits[row, after])
+        found = levels[before] + share * (levels[after] - levels[before])
+    found = np.select([unknown, fits[:, -1] > HALF, after == 0], [np.nan, np.inf, levels[0]], found)
+    severities: NDArray[np.float64] = found.reshape(kept.shape[:-1])
+    return severities
 
 
 def falling_trend(strata: Sequence[Outcomes], levels: NDArray[np.float64]) -> float | None:
