@@ -49,7 +49,7 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 22_600,
+    "orchestrator": 22_412,
     "adapters": 8_690,
     "policies": 6_440,
     "mergevla": 8_905,

@@ -53,9 +53,10 @@ err = Console(stderr=True, highlight=False)
 if not out.is_terminal and "COLUMNS" not in os.environ:
     out.width = 160  # files and pipes have no width
 
-SuiteArgument = Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")]
 RunArgument = Annotated[Path, typer.Argument(help="Run folder.")]
-NewestRunArgument = Annotated[Path | None, typer.Argument(help="Run folder; by default the newest one under runs/.")]
+NewestRunArgument = Annotated[
+    Path | None, typer.Argument(metavar="RUN", help="Run folder; by default the newest one under runs/.")
+]
 Policies = Annotated[
     list[str] | None,
     typer.Option(

@@ -56,7 +56,7 @@ def plan(
     suites: Annotated[
         list[str],
         typer.Argument(
-            metavar="SUITE...", help="A suite file, or the name of a shipped suite; several of them with --check."
+            metavar="SUITE", help="A suite file, or the name of a shipped suite; several of them with --check."
         ),
     ],
     check: Annotated[

@@ -34,7 +34,7 @@ def replay(
     episode_id: Annotated[
         str | None,
         typer.Argument(
-            metavar="[EPISODE]",
+            metavar="EPISODE",
             help="Id of a stored episode, or the beginning of it (robogauntlet list episodes); or --policy, --task "
             "and --seed. With --verify: the run folder.",
             show_default=False,

@@ -28,7 +28,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
 app = typer.Typer(no_args_is_help=True)
-File = Annotated[Path, typer.Argument(help="YAML file of schedules.", metavar="[FILE]", show_default=True)]
+File = Annotated[Path, typer.Argument(help="YAML file of schedules.", metavar="FILE", show_default=True)]
 DEFAULT = Path("schedules.yaml")
 
 

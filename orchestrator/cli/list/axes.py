@@ -25,7 +25,7 @@ SHEET = Output("a contact sheet", re.compile(rb"\x89PNG\r\n\x1a\n.{25}.{4}tEXtSo
 
 def list_axes(
     name: Annotated[
-        str | None, typer.Argument(metavar="[AXIS]", help="Only this axis, such as noise, with what it does.")
+        str | None, typer.Argument(metavar="AXIS", help="Only this axis, such as noise, with what it does.")
     ] = None,
     pictures: Annotated[
         Path | None,

@@ -53,9 +53,7 @@ def list_simulators(as_json: AsJson = False) -> None:
 def list_tasks(
     patterns: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[TASKS...]", help="Only this task, or tasks that match a pattern, such as 'robosuite/*'."
-        ),
+        typer.Argument(metavar="TASKS", help="Only this task, or tasks that match a pattern, such as 'robosuite/*'."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -28,7 +28,7 @@ from robogauntlet.support.text import counted
 
 def new(
     names: Annotated[
-        list[str], typer.Argument(metavar="SUITE_OR_TASKS...", help="Suites, tasks, or patterns such as 'pybullet/*'.")
+        list[str], typer.Argument(metavar="SUITE_OR_TASKS", help="Suites, tasks, or patterns such as 'pybullet/*'.")
     ],
     out_folder: Annotated[
         Path, typer.Option("--out", help="Folder of the datasets, one per task. Existing episodes are kept.")

@@ -40,7 +40,7 @@ def search(
     checkpoints: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[CHECKPOINTS...]",
+            metavar="CHECKPOINTS",
             help="The policies between them, in their order. Without any, only the ends are compared.",
             show_default=False,
         ),
