@@ -12,14 +12,11 @@ comparison = robogauntlet.compare(sys.argv[1], sys.argv[2])
 print(comparison)
 
 # %% The same as values: which tasks are worse, by how much, and how certain that is.
-for policy in comparison.policies:
-    for line in policy.lines:
-        change = line.difference
+for one in comparison.comparisons:
+    for contrast in one.contrasts:
         print(
-            f"{policy.policy}, {line.task or 'all tasks'}: {line.pairs.trials} pairs, "
-            f"{100 * change.value:+.1f} points, p of worse {line.p_worse:.3f}"
-            if change is not None
-            else f"{policy.policy}, {line.task or 'all tasks'}: no pairs"
+            f"{one.first.policy}, {contrast.task or 'all tasks'}: {contrast.pairs.trials} pairs, "
+            f"{100 * contrast.difference.value:+.1f} points, p of worse {contrast.adjusted:.3f}"
         )
 
 # %% Episodes that succeeded before and fail now.

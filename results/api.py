@@ -8,9 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robogauntlet.results.analysis import comparison as analysis
 from robogauntlet.results.analysis import pairwise
-from robogauntlet.results.analysis.comparison import COLUMNS, Comparison, Difference, Run, compare_runs
-from robogauntlet.results.analysis.pairwise import PairwiseComparisons, PolicyRows
+from robogauntlet.results.analysis.comparison import COLUMNS, Difference, Run, RunComparison, compare_runs
+from robogauntlet.results.analysis.pairwise import PolicyComparisons, PolicyRows
 from robogauntlet.results.analysis.tables import Tables, build_tables
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.run_document import RunDocument, RunError, read_run
@@ -90,7 +91,7 @@ class OpenRun:
         alpha: float = ALPHA,
         margin: float | None = None,
         allowed: Set[Difference] = frozenset(),
-    ) -> PrintablePairwise:
+    ) -> ComparedPolicies:
         """Compare policies with each other on the episodes that they share: `run.compare("a", "b")`.
 
         `print` shows the result as text; notebooks show it as tables.
@@ -113,20 +114,20 @@ class OpenRun:
             raise RunError(f"{self.folder}: expected two policies to compare, got {', '.join(policies) or 'none'}")
         if other is None and len(policies) != len(set(policies)):
             raise RunError(f"{self.folder}: expected different policies to compare, got {', '.join(policies)}")
-        run = self._for_comparison()
+        run = self._for_comparison(pairwise.COLUMNS)
         if len(policies) != 2:
             found = pairwise.compare_all(run, only=policies, alpha=alpha, margin=margin)
         else:
             opened = other if other is None or isinstance(other, OpenRun) else open_run(other)
-            runs = (run, run if opened is None else opened._for_comparison())
+            runs = (run, run if opened is None else opened._for_comparison(pairwise.COLUMNS))
             if opened is not None and run.name == runs[1].name and self.folder.resolve() != opened.folder.resolve():
                 runs = replace(run, name=str(self.folder)), replace(runs[1], name=str(opened.folder))
             sides = [PolicyRows.of_run(one, name) for one, name in zip(runs, policies, strict=True)]
             found = pairwise.compare_policies(*sides, alpha=alpha, margin=margin, allowed=allowed)
-        return PrintablePairwise(**vars(found))
+        return ComparedPolicies(**vars(found))
 
-    def _for_comparison(self) -> Run:
-        return Run(self.folder.absolute().name, self.document, self.episodes(pairwise.COLUMNS))
+    def _for_comparison(self, fields: Sequence[str]) -> Run:
+        return Run(self.folder.absolute().name, self.document, self.episodes(fields))
 
 
 def open_run(folder: Path | str, store: str | None = None) -> OpenRun:
@@ -151,32 +152,26 @@ def open_entry(history: History, entry: RunEntry, document: RunDocument | None =
     return OpenRun(Path(entry.folder or entry.name), document or history.document(entry.run_id), url)
 
 
-class PrintableComparison(Comparison):
-    """A comparison that prints itself: as text, and in notebooks as Markdown."""
+class Comparison(analysis.Comparison):
+    """What was compared, see `kind`, and what was found. Prints itself: as text, and in notebooks as Markdown."""
 
     def __str__(self) -> str:
-        from robogauntlet.results.report.comparison import as_text
+        from robogauntlet.results.report.comparison import render
 
-        return as_text(self)
-
-    def _repr_markdown_(self) -> str:
-        from robogauntlet.results.report.comparison import as_markdown
-
-        return as_markdown(self)
-
-
-class PrintablePairwise(PairwiseComparisons):
-    """Comparisons of policies that print themselves: as text, and in notebooks as Markdown."""
-
-    def __str__(self) -> str:
-        from robogauntlet.results.report.pairwise import as_text
-
-        return as_text(self)
+        return render(self)
 
     def _repr_markdown_(self) -> str:
-        from robogauntlet.results.report.pairwise import as_markdown
+        from robogauntlet.results.report.comparison import render
 
-        return as_markdown(self)
+        return render(self, "markdown")
+
+
+class ComparedRuns(Comparison, RunComparison):
+    """A `Comparison` of a run with a baseline run."""
+
+
+class ComparedPolicies(Comparison, PolicyComparisons):
+    """A `Comparison` of policies with each other."""
 
 
 def compare(
@@ -187,7 +182,7 @@ def compare(
     margin: float | None = None,
     only: Sequence[str] = (),
     allowed: Set[Difference] = frozenset(),
-) -> PrintableComparison:
+) -> ComparedRuns:
     """Compare a run with a baseline run: paired tests per task and policy, adjusted for multiplicity.
 
     `print` shows the result as text; notebooks show it as a table.
@@ -208,11 +203,11 @@ def compare(
     if runs[0].folder.resolve() == runs[1].folder.resolve():
         raise RunError(f"{runs[1].folder}: expected another run to compare with, this is the run itself")
     defaults = runs[0].document.suite.regression
-    comparison = compare_runs(
-        *(Run(side.folder.absolute().name, side.document, side.episodes(COLUMNS)) for side in runs),
+    found = compare_runs(
+        *(side._for_comparison(COLUMNS) for side in runs),
         alpha=defaults.alpha if alpha is None else alpha,
         margin=defaults.margin if margin is None else margin,
         only=only,
         allowed=allowed,
     )
-    return PrintableComparison(**vars(comparison))
+    return ComparedRuns(**vars(found))

@@ -57,7 +57,7 @@ def test_the_nightly_workflow_passes_on_good_runs_and_fails_on_a_regression(runn
         database.execute("update episodes set status = 'failure' where policy = 'oracle' and seed < 12")
     code, _, summary = runner.run_step("compare", **inputs)
     assert code == 1
-    assert "oracle, null/Reach: 100 % before, 70 % now of 40 episodes, -30.0 points" in summary
+    assert "oracle, null/Reach: 100 % before, 70 % now of 40 episodes, -30.0 [" in summary
 
 
 @pytest.mark.ray

@@ -52,11 +52,11 @@ BUDGETS = {
     "orchestrator": 22_412,
     "adapters": 8_690,
     "policies": 6_440,
-    "mergevla": 8_905,
+    "mergevla": 8_880,
     "results": 14_710,
     "suites": 2_906,
     "src/robogauntlet": 980,
-    "tests": 47_250,
+    "tests": 47_300,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -25,10 +24,8 @@ from robogauntlet.orchestrator.cli.common import (
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.results import api
-from robogauntlet.results.analysis.comparison import Comparison, Difference, Verdict
-from robogauntlet.results.report.comparison import BEGINS as RUNS_BEGIN
-from robogauntlet.results.report.pairwise import BEGINS as POLICIES_BEGIN
-from robogauntlet.results.report.pairwise import FORMATS as PAIRWISE_FORMATS
+from robogauntlet.results.analysis.comparison import Difference, RunComparison, Verdict
+from robogauntlet.results.report.comparison import BEGINS, behaviour_tables, render, table
 from robogauntlet.results.run_document import RunDocument, read_run, refuse_imported
 from robogauntlet.results.statistics.multiplicity import ALPHA
 from robogauntlet.results.store.history_import import record_run_folder
@@ -37,7 +34,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.output_file import Output
 
-COMPARISON = Output("a comparison", re.compile(RUNS_BEGIN.pattern + b"|" + POLICIES_BEGIN.pattern))
+COMPARISON = Output("a comparison", BEGINS)
 EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
 
 
@@ -157,7 +154,7 @@ def compare(
     opened = api.open_run(folder, store)
     if other is None and first is None:
         _check_policies(folder, opened.document, policy or [])
-        _write(PAIRWISE_FORMATS[form](opened.compare(*(policy or []), **options)), file)
+        _write(render(opened.compare(*(policy or []), **options), form), file)
         return
     if first is None or second is None or baseline is None:
         named, bare = (run, other) if second is None else (other, run)
@@ -167,7 +164,7 @@ def compare(
     beside = None if baseline == folder else api.open_run(baseline, store)
     _check_policies(folder, opened.document, [first])
     _check_policies(baseline, (beside or opened).document, [second])
-    _write(PAIRWISE_FORMATS[form](opened.compare(first, second, other=beside, **options)), file)
+    _write(render(opened.compare(first, second, other=beside, **options), form), file)
 
 
 def _mode(given: Mapping[str, bool]) -> str | None:
@@ -197,7 +194,7 @@ def parse_side(text: str) -> tuple[Path, str | None]:
     return Path(text), None
 
 
-def _of_folders(run: Path, baseline: Path, store: str | None, options: dict[str, Any]) -> Comparison:
+def _of_folders(run: Path, baseline: Path, store: str | None, options: dict[str, Any]) -> RunComparison:
     """Compare two run folders with the options of `api.compare`; raises BadInput if a run lacks a policy."""
     sides = [api.open_run(folder, store) for folder in (run, baseline)]
     for side in sides:
@@ -207,7 +204,7 @@ def _of_folders(run: Path, baseline: Path, store: str | None, options: dict[str,
 
 def _with_baseline(
     run: Path, baseline: Path | None, store: str | None, url: str | None, options: dict[str, Any]
-) -> Comparison:
+) -> RunComparison:
     """Compare the run with a baseline, by default the last good one of its suite, whose verdict the history keeps."""
     if baseline is not None:
         refuse_imported(baseline, read_run(baseline), "a baseline")
@@ -281,23 +278,17 @@ def _check_policies(folder: Path, document: RunDocument, policies: list[str]) ->
             raise BadInput(f"{folder}: the run has no policy '{name}'{did_you_mean(name, known)}")
 
 
-def _conclude(comparison: Comparison, form: Format, file: Path | None, *, tables: bool) -> NoReturn:
+def _conclude(comparison: RunComparison, form: Format, file: Path | None, *, tables: bool) -> NoReturn:
     """Write a comparison into a file or print it, if wanted after a table of each policy; exit with its code.
 
     Raises:
         BadInput: The file cannot be written.
     """
-    from robogauntlet.results.report.comparison import FORMATS, behaviour_tables, table
-
-    text = FORMATS[form](comparison)
-    if file is None:
-        for policy in comparison.policies if tables and form is Format.TEXT else ():
-            out.print(rich_table(table(policy, comparison.alpha), title=policy.policy))
+    for one in comparison.comparisons if file is None and tables and form is Format.TEXT else ():
+        for shown in (table(one, comparison.alpha), *behaviour_tables(one)):
+            out.print(rich_table(shown, title=one.first.policy))
             out.print()
-            for moved in behaviour_tables(policy):
-                out.print(rich_table(moved, title=policy.policy))
-                out.print()
-    _write(text, file)
+    _write(render(comparison, form), file)
     raise typer.Exit(EXIT_CODES[comparison.verdict])
 
 

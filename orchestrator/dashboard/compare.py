@@ -10,11 +10,11 @@ from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
-from robogauntlet.results.analysis.comparison import Comparison
-from robogauntlet.results.analysis.pairwise import PairwiseComparisons
-from robogauntlet.results.api import compare, open_entry
+from robogauntlet.results.api import Comparison, compare, open_entry
 from robogauntlet.results.report import comparison as report
 from robogauntlet.results.report import pairwise as words
+from robogauntlet.results.report.page import render_blocks
+from robogauntlet.results.report.sections.pairwise import comparison_blocks
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.history_records import RunEntry
 
@@ -52,7 +52,7 @@ async def show_comparison(app_state: CurrentAppState, first: str = "", second: s
 def _show(app_state: AppState, first: str, second: str, margin: str) -> Response:
     share = _margin(margin)
     sides = [_side(app_state, text) for text in (first, second) if text]
-    found: PairwiseComparisons | Comparison | None = None
+    found: Comparison | None = None
     problem = ""
     try:
         found = _compare(app_state, sides, share) if sides else None
@@ -64,12 +64,13 @@ def _show(app_state: AppState, first: str, second: str, margin: str) -> Response
         "compare.html.jinja",
         here="/compare",
         sides=(*sides, None, None)[:2],
-        pairwise=found if isinstance(found, PairwiseComparisons) else None,
-        comparison=found if isinstance(found, Comparison) else None,
+        found=found,
         problem=problem,
         listed=listed,
         policies=queries.policies_of_runs(app_state.history, [entry.run_id for entry in listed]),
         words=words,
+        comparison_blocks=comparison_blocks,
+        draw=render_blocks,
         report=report,
         margin=share,
         margins=(LEAST_MARGIN, LARGEST_MARGIN),
@@ -97,11 +98,11 @@ def _margin(text: str) -> float | None:
     return share
 
 
-def _compare(app_state: AppState, sides: list[Side], margin: float | None) -> PairwiseComparisons | Comparison:
+def _compare(app_state: AppState, sides: list[Side], margin: float | None) -> Comparison:
     """Compare what was chosen, from the cache if the runs have not changed. Raises RunError, StoreError."""
     entries = [side.entry for side in sides]
 
-    def compute() -> PairwiseComparisons | Comparison:
+    def compute() -> Comparison:
         one, *rest = (open_entry(app_state.history, entry) for entry in {e.run_id: e for e in entries}.values())
         match [side.policy for side in sides]:
             case [""]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robogauntlet.results.analysis.comparison import Comparison, Verdict
+from robogauntlet.results.analysis.comparison import RunComparison, Verdict
 from robogauntlet.results.report.comparison import headline, reasons
 from robogauntlet.results.run_document import RunDocument, RunStatus
 
@@ -42,7 +42,7 @@ def one_line(text: str, limit: int) -> str:
     return plain if len(plain) <= limit else plain[: limit - 1] + "…"
 
 
-def message_for(document: RunDocument, comparison: Comparison | None, link: str | None) -> Message | None:
+def message_for(document: RunDocument, comparison: RunComparison | None, link: str | None) -> Message | None:
     """Return the notification about a run that has ended, or None if none is needed.
 
     A regression comes before an early stop, which is then one of the lines. Interrupted runs cause no notification.

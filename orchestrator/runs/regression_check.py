@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 from pathlib import Path
 
-from robogauntlet.results.analysis.comparison import Comparison, Difference
+from robogauntlet.results.analysis.comparison import Difference, RunComparison
 from robogauntlet.results.api import compare, open_entry
 from robogauntlet.results.report.comparison import reasons
 from robogauntlet.results.run_document import RunDocument
@@ -22,7 +22,7 @@ def check_regression(
     margin: float | None = None,
     only: Sequence[str] = (),
     allowed: Set[Difference] = frozenset(),
-) -> Comparison | None:
+) -> RunComparison | None:
     """Compare a run with its baseline, the last good run of its suite; None if there is no baseline.
 
     The verdict is written into the history, unless only some policies are compared. For the options see

@@ -19,7 +19,7 @@ from robogauntlet.orchestrator.notifications import Message, message_for
 from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE, Schedule
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
-from robogauntlet.results.analysis.comparison import Comparison
+from robogauntlet.results.analysis.comparison import RunComparison
 from robogauntlet.results.folder_lock import LOCK_FILE
 from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.report.history_plot import run_rate
@@ -165,7 +165,7 @@ class Runner:
 
     def _compared(
         self, schedule: Schedule, document: RunDocument, folder: Path, link: str
-    ) -> tuple[Comparison | None, str]:
+    ) -> tuple[RunComparison | None, str]:
         """The comparison with the baseline run, if there is one and it is wanted, and the outcome in one line."""
         entry = self.history.find(document.run_id)
         rate = "complete"

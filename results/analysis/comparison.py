@@ -1,34 +1,29 @@
-"""Comparison of a run with a baseline run of the same suite.
+"""Comparison of policies, and of a run with a baseline run of the same suite.
 
-Episodes are paired by `pair_id` (task, condition, seed and protocol) and by the policy's name. McNemar's exact test is
-made for each task of each policy and for each policy over all its tasks; the p-values of one direction are adjusted
-together by Holm's method. A run without a change is therefore called worse with a probability of at most alpha,
-whatever its number of tasks.
+Episodes are paired by `pair_id` (task, condition, seed and protocol), those of two runs also by the policy's name. For
+two runs, McNemar's exact test is made for each task of each policy and for each policy over all its tasks; the
+p-values of one direction are adjusted together by Holm's method. A run without a change is therefore called worse with
+a probability of at most alpha, whatever its number of tasks. Policies are compared in `pairwise`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar, Literal
 
-from robogauntlet.results.analysis.paired_behaviour import BehaviourComparison, adjusted, compare_behaviour
+from robogauntlet.results.analysis.contrasts import OUTCOMES, Contrast, Question, all_tasks, by_task, contrasts
+from robogauntlet.results.analysis.paired_behaviour import (
+    BehaviourComparison,
+    OutcomeChange,
+    adjusted,
+    compare_behaviour,
+)
 from robogauntlet.results.record import BEHAVIOUR, Status
 from robogauntlet.results.run_document import EVERYWHERE, PlannedCell, Provenance, RunDocument, RunStatus
-from robogauntlet.results.statistics.multiplicity import ALPHA, holm
-from robogauntlet.results.statistics.pairs import (
-    MARGIN,
-    Pairs,
-    can_reject,
-    detectable_drop,
-    is_no_worse,
-    mcnemar_worse,
-    paired_difference,
-    pooled,
-)
-from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.results.statistics.multiplicity import ALPHA
+from robogauntlet.results.statistics.pairs import MARGIN, mcnemar_better, mcnemar_worse
 from robogauntlet.suites.schema import Suite
 from robogauntlet.support.text import counted
 
@@ -40,18 +35,18 @@ COLUMNS = (
     *("pair_id", "policy", "policy_digest", "simulator", "task", "seed", "status", "state_hash", "actions_hash"),
     *BEHAVIOUR,
 )
-"""Fields of the record that a comparison needs."""
+"""Fields of the record that a comparison of runs needs."""
 SETTINGS = ("protocol", "success_rule", "horizon", "replan_every", "cameras", "image_size", "render_profile")
 """Properties of a suite that all its episodes have: of runs that share no episode, those that differ are named."""
 
 
 class Verdict(StrEnum):
-    """The result of a comparison."""
+    """The result of a comparison of runs."""
 
     REGRESSED = "regressed"
     IMPROVED = "improved"
     NO_EVIDENCE = "no evidence"
-    """Neither, which does not mean no difference, see `PolicyComparison.no_worse`."""
+    """Neither, which does not mean no difference, see `Contrast.no_worse`."""
     NOT_COMPARABLE = "not comparable"
 
 
@@ -67,44 +62,77 @@ class Difference(StrEnum):
     """Episodes of the same seed start from different physical states."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """A task of a policy, or all its tasks, in the run and in the baseline."""
+@dataclass(frozen=True, slots=True)
+class Side:
+    """A policy of a run."""
 
-    task: str | None
-    """None for all tasks."""
-    pairs: Pairs
-    """First side: the run; second: the baseline."""
-    difference: Estimate | None
-    """Rate of the run minus rate of the baseline, with a confidence of 1 - 2 alpha."""
-    detectable: float | None
-    """The smallest drop that this number of pairs shows in four of five cases, see `pairs.detectable_drop`."""
-    p_worse: float = 1.0
-    """Adjusted over all lines of the comparison."""
-    p_better: float = 1.0
-    """The same in the other direction."""
+    policy: str
+    run: str
+    """Name of the run."""
+    policy_digest: str
 
 
 @dataclass(frozen=True)
 class PolicyComparison:
-    """A policy in the run and in the baseline."""
+    """A policy against another on the episodes that both played."""
 
-    policy: str
-    changed: bool
-    """Whether its content differs from that in the baseline."""
-    differing: int
-    """Pairs whose actions differ; if the policy has not changed, the cause is the program or the simulator."""
-    tasks: tuple[Line, ...]
-    whole: Line
-    no_worse: bool
-    """Whether it is shown, over all tasks, to be worse than the baseline by less than the margin."""
+    first: Side
+    second: Side
+    overall: Contrast
+    simulators: tuple[Contrast, ...]
+    """Simulators with several tasks, if policies are compared and there are several simulators."""
+    tasks: tuple[Contrast, ...]
+    identical: int
+    """Pairs of `overall` in which both policies executed the same actions."""
+    errors: tuple[int, int]
+    """Episodes of each that ended in an error; they are left out. Clean ones, if policies are compared."""
+    unpaired: tuple[int, int]
+    """Episodes of each with a verdict, of which the other has no verdict; likewise."""
+    differences: Mapping[Difference, str] = field(default_factory=dict)
+    """What else differs between the runs of two policies, in words."""
+    conditions: tuple[Contrast, ...] = ()
+    """Perturbed conditions, controls excepted, if policies are compared; in none of the contrasts above."""
+    perturbed_left_out: tuple[int, int] = (0, 0)
+    """Perturbed episodes of each that are in no pair."""
     behaviour: BehaviourComparison | None = None
-    """How it moves and fails in the run, against the baseline; None if that was not measured in both."""
+    """How they move and fail in the pairs of `overall`; None if that was not measured for both."""
+    perturbed_changes: tuple[OutcomeChange, ...] = ()
+    """Outcomes of the perturbed pairs in which a side failed."""
 
     @property
-    def lines(self) -> tuple[Line, ...]:
-        """The tested lines: the tasks, and all tasks if there are several."""
-        return (*self.tasks, self.whole) if len(self.tasks) > 1 else self.tasks
+    def parts(self) -> tuple[Contrast, ...]:
+        """The simulators and tasks; a single task is `overall`."""
+        return (*self.simulators, *self.tasks) if len(self.tasks) > 1 else ()
+
+    @property
+    def contrasts(self) -> tuple[Contrast, ...]:
+        """The tasks, and all of them together if there are several."""
+        return (*self.tasks, self.overall) if len(self.tasks) > 1 else self.tasks
+
+    @property
+    def is_same_policy(self) -> bool:
+        """Whether both sides have the same content."""
+        return self.first.policy_digest == self.second.policy_digest
+
+    @property
+    def differing(self) -> int:
+        """Pairs whose actions differ; of the same policy, the cause is the program or the simulator."""
+        return self.overall.pairs.trials - self.identical
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """What `compare` found."""
+
+    kind: ClassVar[Literal["runs", "policies"]] = "policies"
+    """What was compared: a run with a baseline run, policy by policy; or policies with each other."""
+    alpha: float
+    """Significance level of the adjusted p-values."""
+    margin: float | None
+    """Largest decrease of a rate that counts as no worse; None if that is not tested."""
+    baseline: str | None
+    """The policy or the run with which the others are compared; None if any two policies are compared."""
+    comparisons: tuple[PolicyComparison, ...]
 
 
 @dataclass(frozen=True)
@@ -117,16 +145,15 @@ class Run:
     """Columns `COLUMNS`."""
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """The comparison of a run with a baseline."""
+@dataclass(frozen=True, kw_only=True)
+class RunComparison(Comparison):
+    """The comparison of a run with a baseline; the confidence of its intervals is 1 - 2 alpha."""
 
-    run: str
+    kind = "runs"
     baseline: str
-    alpha: float
     margin: float
+    run: str
     verdict: Verdict
-    policies: tuple[PolicyComparison, ...]
     differences: Mapping[Difference, str]
     """Other differences in words, including those that were allowed."""
     allowed: Set[Difference]
@@ -137,11 +164,6 @@ class Comparison:
     processors: tuple[str, str] = ("", "")
     """Processors of the run and of the baseline."""
 
-    @property
-    def pairs(self) -> int:
-        """Episodes compared."""
-        return sum(one.whole.pairs.trials for one in self.policies)
-
 
 def compare_runs(
     run: Run,
@@ -151,82 +173,61 @@ def compare_runs(
     margin: float = MARGIN,
     only: Sequence[str] = (),
     allowed: Set[Difference] = frozenset(),
-) -> Comparison:
+) -> RunComparison:
     """Compare a run with a baseline, see `robogauntlet.compare`."""
     rows = [side.rows[side.rows["policy"].isin(only)] if only else side.rows for side in (run, baseline)]
     sides = [of_side[of_side["status"] != str(Status.ERROR)] for of_side in rows]
     pairs = sides[0].merge(sides[1], on=["policy", "pair_id"], suffixes=("", "_before"))
     differences = _differences(run, baseline, pairs)
-    names = list(dict.fromkeys(pairs["policy"]))
-    policies = _adjusted([_policy(str(name), pairs[pairs["policy"] == name], alpha, margin) for name in names], alpha)
+    unpaired, errors = _unpaired(sides, pairs), _errors(rows)
+    question = regression_question(alpha, margin)
+    found = contrasts(
+        [own for _, own in pairs[["policy", *OUTCOMES]].groupby("policy", sort=False, observed=True)], question
+    )
+    comparisons = []
+    for (name, own), strata in zip(pairs.groupby("policy", sort=False, observed=True), found, strict=True):
+        name, digests = str(name), [str(own[f"policy_digest{side}"].iloc[0]) for side in ("", "_before")]
+        comparisons.append(
+            PolicyComparison(
+                first=Side(name, run.name, digests[0]),
+                second=Side(name, baseline.name, digests[1]),
+                overall=replace(strata[-1], simulator=None, task=None),
+                simulators=(),
+                tasks=tuple(one for one in strata if one.task is not None),
+                identical=int((own["actions_hash"] == own["actions_hash_before"]).sum()),
+                errors=errors.get(name, (0, 0)),
+                unpaired=unpaired.get(name, (0, 0)),
+                behaviour=compare_behaviour(own, alpha, (name,)),
+            )
+        )
+    moved = adjusted([one.behaviour for one in comparisons])
     forbidden = [one for one in differences if one not in allowed]
-    return Comparison(
+    return RunComparison(
         run=run.name,
         baseline=baseline.name,
         alpha=alpha,
         margin=margin,
-        verdict=Verdict.NOT_COMPARABLE if forbidden or not policies else _verdict(policies, alpha),
-        policies=tuple(policies),
+        verdict=Verdict.NOT_COMPARABLE if forbidden or not comparisons else _verdict(found, alpha),
+        comparisons=tuple(replace(one, behaviour=own) for one, own in zip(comparisons, moved, strict=True)),
         differences=differences,
         allowed=allowed,
-        unpaired=_unpaired(sides, pairs),
-        errors=_errors(rows),
+        unpaired=unpaired,
+        errors=errors,
         processors=(run.document.provenance.processor, baseline.document.provenance.processor),
     )
 
 
-def _policy(name: str, pairs: pd.DataFrame, alpha: float, margin: float) -> PolicyComparison:
-    tasks = []
-    for task, own in pairs.groupby("task", sort=False, observed=True):
-        now, before = (own[column] == str(Status.SUCCESS) for column in ("status", "status_before"))
-        tasks.append(_line(str(task), Pairs.from_outcomes(now.to_numpy(float), before.to_numpy(float)), alpha))
-    together = pooled(line.pairs for line in tasks)
-    return PolicyComparison(
-        policy=name,
-        changed=bool((pairs["policy_digest"] != pairs["policy_digest_before"]).any()),
-        differing=int((pairs["actions_hash"] != pairs["actions_hash_before"]).sum()),
-        tasks=tuple(tasks),
-        whole=_line(None, together, alpha),
-        no_worse=is_no_worse(together, margin, 1 - 2 * alpha),
-        behaviour=compare_behaviour(pairs, alpha, (name,)),
-    )
+def regression_question(alpha: float, margin: float = MARGIN) -> Question:
+    """Whether a run is worse than its baseline, or better, in a task or over all tasks of a policy."""
+    return Question((by_task, all_tasks), alpha, mcnemar_worse, mcnemar_better, margin=margin)
 
 
-def _line(task: str | None, pairs: Pairs, alpha: float) -> Line:
-    return Line(task, pairs, paired_difference(pairs, 1 - 2 * alpha), detectable_drop(pairs, alpha))
-
-
-def family_p_values(family: Sequence[Pairs], alpha: float) -> list[tuple[float, float]]:
-    """Adjusted p-values (worse, better) for each of a family of comparisons of a run with its baseline.
-
-    Comparisons that cannot reach alpha do not belong to the family and have 1, see `pairs.can_reject`.
-    """
-    tested = [place for place, pairs in enumerate(family) if can_reject(pairs, alpha)]
-    chosen = [family[place] for place in tested]
-    worse = holm([mcnemar_worse(pairs) for pairs in chosen])
-    better = holm([mcnemar_worse(Pairs(p.both, p.second_only, p.first_only, p.neither)) for p in chosen])
-    found = dict(zip(tested, zip(worse, better, strict=True), strict=True))
-    return [found.get(place, (1.0, 1.0)) for place in range(len(family))]
-
-
-def _adjusted(policies: Sequence[PolicyComparison], alpha: float) -> list[PolicyComparison]:
-    """Add p-values: all tasks of all policies, and each policy over several tasks, are one family."""
-    p_values = iter(family_p_values([line.pairs for one in policies for line in one.lines], alpha))
-    moved = adjusted([one.behaviour for one in policies])
-    found_policies = []
-    for one, behaviour in zip(policies, moved, strict=True):
-        found = zip(one.lines, islice(p_values, len(one.lines)), strict=True)
-        lines = tuple(replace(line, p_worse=worse, p_better=better) for line, (worse, better) in found)
-        whole = replace(lines[-1], task=None)
-        found_policies.append(replace(one, tasks=lines[: len(one.tasks)], whole=whole, behaviour=behaviour))
-    return found_policies
-
-
-def _verdict(policies: Sequence[PolicyComparison], alpha: float) -> Verdict:
-    lines = [line for one in policies for line in one.lines]
-    if any(line.p_worse <= alpha for line in lines):
+def _verdict(found: Sequence[Sequence[Contrast]], alpha: float) -> Verdict:
+    every = [one for own in found for one in own]
+    if any(one.adjusted <= alpha for one in every):
         return Verdict.REGRESSED
-    return Verdict.IMPROVED if any(line.p_better <= alpha for line in lines) else Verdict.NO_EVIDENCE
+    is_better = any(one.opposite is not None and one.opposite <= alpha for one in every)
+    return Verdict.IMPROVED if is_better else Verdict.NO_EVIDENCE
 
 
 def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Difference, str]:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from robogauntlet.results.analysis.contrasts import together
 from robogauntlet.results.analysis.failures import OTHER, OUTCOMES
 from robogauntlet.results.record import BEHAVIOUR, Status, known_kind
-from robogauntlet.results.statistics.multiplicity import holm
 from robogauntlet.results.statistics.paired_numbers import can_reject_symmetry, median_difference, signed_rank
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.suites.episode import content_hash
@@ -122,10 +122,10 @@ def outcome_changes(shared: pd.DataFrame) -> tuple[OutcomeChange, ...]:
 
 def adjusted(compared: Sequence[BehaviourComparison | None]) -> list[BehaviourComparison | None]:
     """Add adjusted p-values: the tested measures of all comparisons are a family; the others have 1."""
-    tested = [line for one in compared if one is not None for line in one.measures if line.is_tested]
-    found = dict(zip(map(id, tested), holm([line.p for line in tested]), strict=True))
-
-    def with_p(lines: Sequence[MeasureLine]) -> tuple[MeasureLine, ...]:
-        return tuple(replace(line, adjusted=found.get(id(line), 1.0)) for line in lines)
-
-    return [None if one is None else replace(one, measures=with_p(one.measures)) for one in compared]
+    families = [() if one is None else one.measures for one in compared]
+    p_values = together([[line.p if line.is_tested else None for line in lines] for lines in families])
+    found = [
+        tuple(replace(line, adjusted=p) for line, p in zip(*own, strict=True))
+        for own in zip(families, p_values, strict=True)
+    ]
+    return [one and replace(one, measures=lines) for one, lines in zip(compared, found, strict=True)]

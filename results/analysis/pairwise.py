@@ -2,45 +2,49 @@
 
 Episodes are paired by `pair_id` (task, condition, seed and protocol). Each comparison gives the difference of the
 success rates with Newcombe's paired interval and McNemar's exact test: of clean episodes over all tasks, per simulator
-and per task, and of perturbed ones per condition (`pairwise_conditions`). The p-values over all tasks are adjusted
-together by Holm's method, and so are those of simulators and tasks, and those of each axis.
+and per task, and of perturbed ones per condition, the pairs of all tasks added up. Severities are not added up: they
+start from the same seeds, so that their pairs are not independent. The p-values over all tasks are adjusted together by
+Holm's method, and so are those of simulators and tasks, and those of each axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.analysis import comparison, paired_behaviour
-from robogauntlet.results.analysis.comparison import Difference, Run, setting_differences
+from robogauntlet.results.analysis import comparison
+from robogauntlet.results.analysis.comparison import (
+    Comparison,
+    Difference,
+    PolicyComparison,
+    Run,
+    Side,
+    setting_differences,
+)
+from robogauntlet.results.analysis.contrasts import (
+    OUTCOMES,
+    Contrast,
+    Question,
+    all_pairs,
+    by_condition,
+    by_simulator,
+    by_task,
+    contrasts,
+)
 from robogauntlet.results.analysis.leaderboard import MOST_POLICIES, LeaderboardRow, PolicyEpisodes, leaderboard
 from robogauntlet.results.analysis.paired_behaviour import (
     BehaviourComparison,
-    OutcomeChange,
+    adjusted,
     compare_behaviour,
     outcome_changes,
 )
-from robogauntlet.results.analysis.pairwise_conditions import (
-    ConditionLine,
-    adjusted_by_axis,
-    condition_lines,
-    perturbed_rows,
-)
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunDocument, RunError, RunStatus
-from robogauntlet.results.statistics.multiplicity import ALPHA, holm
-from robogauntlet.results.statistics.pairs import (
-    Pairs,
-    can_reject,
-    detectable_drop,
-    is_no_worse,
-    mcnemar,
-    paired_difference,
-    pooled,
-)
-from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.results.statistics.multiplicity import ALPHA
+from robogauntlet.suites.episode import AT, CONTROLS
 from robogauntlet.suites.plugins import did_you_mean
 
 if TYPE_CHECKING:
@@ -51,7 +55,7 @@ PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile"
 OWN = {"protocol": "robogauntlet", "success_rule": "the protocol's own"}
 """What an empty field stands for."""
 COLUMNS = (*comparison.COLUMNS, "axis", "severity", *PROTOCOL)
-"""Fields of the record that a comparison needs."""
+"""Fields of the record that a comparison of policies needs."""
 ALL_PAIRS = 4
 """Number of policies up to which every pair is compared; letters summarise the pairs of more."""
 MOST_NAMED = 20
@@ -60,16 +64,6 @@ MOST_NAMED = 20
 
 class NotComparable(RunError):
     """Two policies that share no episode, or whose runs differ in more than the policy."""
-
-
-@dataclass(frozen=True, slots=True)
-class Side:
-    """A policy of a run."""
-
-    policy: str
-    run: str
-    """Name of the run."""
-    policy_digest: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,74 +88,12 @@ class PolicyRows:
         return cls(side, run.document, own[own["severity"] == 0], perturbed_rows(own))
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """All tasks, the tasks of a simulator, or a task."""
+@dataclass(frozen=True, kw_only=True)
+class PolicyComparisons(Comparison):
+    """Policies compared with each other; the confidence of intervals is 1 - alpha."""
 
-    simulator: str | None
-    """None for all tasks."""
-    task: str | None
-    """None for several tasks."""
-    pairs: Pairs
-    difference: Estimate
-    """Success rate of the first policy minus that of the second, between -1 and 1, with a confidence of 1 - alpha."""
-    p: float
-    """McNemar's exact test, two-sided."""
-    detectable: float | None
-    """The smallest difference that this many pairs show with a probability of 0.8, see `pairs.detectable_drop`."""
-    adjusted: float = 1.0
-    """The p-value adjusted by Holm's method."""
-    no_worse: bool | None = None
-    """Whether the first is shown to be worse by less than the margin; None without a margin."""
-
-
-@dataclass(frozen=True)
-class PairwiseComparison:
-    """A policy against another on the episodes that both played."""
-
-    first: Side
-    second: Side
-    overall: Line
-    simulators: tuple[Line, ...]
-    """Simulators with several tasks, if there are several simulators."""
-    tasks: tuple[Line, ...]
-    identical: int
-    """Clean pairs in which both policies executed the same actions."""
-    errors: tuple[int, int]
-    """Clean episodes of each that ended in an error; they are left out."""
-    unpaired: tuple[int, int]
-    """Clean episodes of each with a verdict, of which the other has no verdict; they are left out."""
-    differences: Mapping[Difference, str] = field(default_factory=dict)
-    """What else differs, in words."""
-    conditions: tuple[ConditionLine, ...] = ()
-    """Perturbed conditions, controls excepted; in none of the lines above."""
-    perturbed_left_out: tuple[int, int] = (0, 0)
-    """Perturbed episodes of each that are in no pair."""
-    behaviour: BehaviourComparison | None = None
-    """How they move and fail in clean episodes; None if that was not measured for both."""
-    perturbed_changes: tuple[OutcomeChange, ...] = ()
-    """Outcomes of the perturbed pairs in which a side failed."""
-
-    @property
-    def parts(self) -> tuple[Line, ...]:
-        """The simulators and tasks that are tested; a single task is the line `overall`."""
-        return (*self.simulators, *self.tasks) if len(self.tasks) > 1 else ()
-
-
-@dataclass(frozen=True)
-class PairwiseComparisons:
-    """Policies compared with each other."""
-
-    alpha: float
-    """Significance level of the adjusted p-values; the confidence of intervals is 1 - alpha."""
-    margin: float | None
-    """Largest decrease of a rate that counts as no worse; None if that is not tested."""
-    baseline: str | None
-    """The policy with which the others are compared; None if any two are compared."""
     policies: int
-    """Number of policies."""
-    comparisons: tuple[PairwiseComparison, ...]
-    """Empty for more than `ALL_PAIRS` policies without a baseline."""
+    """Number of policies. More than `ALL_PAIRS` without a baseline are not in `comparisons`."""
     standings: tuple[LeaderboardRow, ...] = ()
     """Three or more policies without a baseline, with letters: those that share one do not differ significantly."""
     not_compared: tuple[str, ...] = ()
@@ -177,21 +109,23 @@ def compare_policies(
     alpha: float = ALPHA,
     margin: float | None = None,
     allowed: Set[Difference] = frozenset(),
-) -> PairwiseComparisons:
+) -> PolicyComparisons:
     """Compare a policy with another of the same run or of another run.
 
     Raises:
         NotComparable: They share no episode with a verdict of both, or their runs differ in what is not allowed.
         ValueError: alpha or margin outside (0, 1).
     """
-    found = _adjusted([_compare(first, second, alpha, margin, allowed)], alpha)
+    found = _contrasted([_paired(first, second, alpha, allowed)], first.document, alpha, margin)
     adaptive = any(side.document.suite.adaptive is not None for side in (first, second))
-    return PairwiseComparisons(alpha, margin, None, 2, found, is_adaptive=adaptive)
+    return PolicyComparisons(
+        alpha=alpha, margin=margin, baseline=None, policies=2, comparisons=found, is_adaptive=adaptive
+    )
 
 
 def compare_all(
     run: Run, *, only: Sequence[str] = (), alpha: float = ALPHA, margin: float | None = None
-) -> PairwiseComparisons:
+) -> PolicyComparisons:
     """Compare the policies of a run: with the baseline of its suite's `compare` or `merging`, else all pairs.
 
     `only` restricts the policies. Pairs that share no episode are in `not_compared`.
@@ -210,7 +144,7 @@ def compare_all(
     every = baseline is not None or len(sides) <= ALL_PAIRS
     if not every and len(sides) > MOST_POLICIES:
         pairs = []
-    verdicts = {} if every else {name: _verdicts(side) for name, side in sides.items()}
+    verdicts = {} if every else {name: set(_with_verdict(side.rows)["pair_id"]) for name, side in sides.items()}
     for one, other in pairs:
         if not every and not verdicts[one].isdisjoint(verdicts[other]):
             continue  # The letters summarise it.
@@ -218,22 +152,31 @@ def compare_all(
             unnamed += 1
             continue
         try:
-            compared.append(_compare(sides[one], sides[other], alpha, margin, frozenset(Difference)))
+            compared.append(_paired(sides[one], sides[other], alpha, frozenset(Difference)))
         except NotComparable as error:
             failed.append(str(error))
     if unnamed:
         failed.append(f"{unnamed:,} more pairs that share no episode")
-    standings = leaderboard(list(map(_played, sides.values())), alpha) if baseline is None and len(sides) > 2 else []
+    standings: Sequence[LeaderboardRow] = ()
+    if baseline is None and len(sides) > 2:
+        started = run.document.started_at
+        standings = leaderboard(
+            [
+                PolicyEpisodes(one.side.policy, one.side.policy_digest, run.name, started, one.rows)
+                for one in sides.values()
+            ],
+            alpha,
+        )
     count = len(sides) if baseline is None else len(pairs) + 1
-    return PairwiseComparisons(
-        alpha,
-        margin,
-        baseline,
-        count,
-        _adjusted(compared, alpha),
-        tuple(standings),
-        tuple(failed),
-        run.document.suite.adaptive is not None,
+    return PolicyComparisons(
+        alpha=alpha,
+        margin=margin,
+        baseline=baseline,
+        policies=count,
+        comparisons=_contrasted(compared, run.document, alpha, margin),
+        standings=tuple(standings),
+        not_compared=tuple(failed),
+        is_adaptive=run.document.suite.adaptive is not None,
     )
 
 
@@ -247,117 +190,96 @@ def _pairs(document: RunDocument, names: Sequence[str]) -> tuple[str | None, lis
     return None, list(combinations(names, 2))
 
 
-def _verdicts(one: PolicyRows) -> set[str]:
-    """Pairs in which the policy succeeded or failed."""
-    return set(_with_verdict(one.rows)["pair_id"])
+@dataclass(frozen=True, eq=False)
+class _Paired:
+    """Two policies of which the contrasts are not made yet."""
+
+    complete: Callable[..., PolicyComparison]
+    """Makes the comparison from `overall`, `simulators`, `tasks`, `conditions` and `behaviour`."""
+    behaviour: BehaviourComparison | None
+    clean: pd.DataFrame
+    perturbed: pd.DataFrame
 
 
-def _played(one: PolicyRows) -> PolicyEpisodes:
-    side = one.side
-    return PolicyEpisodes(side.policy, side.policy_digest, side.run, one.document.started_at, one.rows)
-
-
-def _compare(
-    first: PolicyRows, second: PolicyRows, alpha: float, margin: float | None, allowed: Set[Difference]
-) -> PairwiseComparison:
+def _paired(first: PolicyRows, second: PolicyRows, alpha: float, allowed: Set[Difference]) -> _Paired:
     sides = [_with_verdict(one.rows) for one in (first, second)]
-    shared, perturbed = _paired(*sides), _paired(*(_with_verdict(one.perturbed) for one in (first, second)))
+    clean = _merged(*sides)
     names = " and ".join(f"{one.side.run}:{one.side.policy}" for one in (first, second))
-    if shared.empty:
+    if clean.empty:
         raise NotComparable(f"{names} share no episode: {_why_none(first, second)}")
-    unfinished = [f"{one.side.run} is {one.document.status}" for one in (first, second) if _is_unfinished(one)]
-    differences = {Difference.UNFINISHED: ", ".join(dict.fromkeys(unfinished))} if unfinished else {}
-    settings = setting_differences(first.document, second.document, shared)
+    states = dict.fromkeys((one.side.run, one.document.status) for one in (first, second))
+    unfinished = ", ".join(f"{run} is {state}" for run, state in states if state is not RunStatus.COMPLETE)
+    differences = {Difference.UNFINISHED: unfinished} if unfinished else {}
+    settings = setting_differences(first.document, second.document, clean)
     for kind, words in settings.items():
         if kind not in allowed:
             raise NotComparable(f"{names} are not comparable: {kind} differs: {words}; --allow {kind} compares them")
-    tasks = _tasks(shared, first.document, alpha, margin)
+    perturbed = _merged(*(_with_verdict(one.perturbed) for one in (first, second)))
     errors = [int((one.rows["status"] == str(Status.ERROR)).sum()) for one in (first, second)]
-    return PairwiseComparison(
+    complete = partial(
+        PolicyComparison,
         first=first.side,
         second=second.side,
-        overall=_line(None, None, pooled(line.pairs for line in tasks), alpha, margin),
-        simulators=_simulators(tasks, alpha, margin),
-        tasks=tasks,
-        identical=int((shared["actions_hash"] == shared["actions_hash_before"]).sum()),
+        identical=int((clean["actions_hash"] == clean["actions_hash_before"]).sum()),
         errors=(errors[0], errors[1]),
-        unpaired=(len(sides[0]) - len(shared), len(sides[1]) - len(shared)),
+        unpaired=(len(sides[0]) - len(clean), len(sides[1]) - len(clean)),
         differences=differences | settings,
-        conditions=condition_lines(perturbed, first.document, alpha),
-        behaviour=compare_behaviour(shared, alpha, (first.side.policy, second.side.policy)),
         perturbed_changes=outcome_changes(perturbed),
         perturbed_left_out=(len(first.perturbed) - len(perturbed), len(second.perturbed) - len(perturbed)),
     )
+    behaviour = compare_behaviour(clean, alpha, (first.side.policy, second.side.policy))
+    return _Paired(complete, behaviour, clean[list(OUTCOMES)], perturbed[[*OUTCOMES, "axis", "severity"]])
 
 
 def _with_verdict(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["status"] != str(Status.ERROR)]
 
 
-def _paired(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
+def perturbed_rows(rows: pd.DataFrame) -> pd.DataFrame:
+    """The episodes under perturbations; controls, whose success is not what is wanted, are none."""
+    combined = rows["axis"].astype(str).str.contains(AT, regex=False)
+    return rows[(rows["severity"] > 0) & ~rows["axis"].isin(CONTROLS) & ~combined]
+
+
+def _merged(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
     return first.merge(second, on="pair_id", suffixes=("", "_before"))
 
 
-def _is_unfinished(one: PolicyRows) -> bool:
-    return one.document.status is not RunStatus.COMPLETE
+def _contrasted(
+    compared: Sequence[_Paired], document: RunDocument, alpha: float, margin: float | None
+) -> tuple[PolicyComparison, ...]:
+    """Ask the questions: over all tasks, of simulators and tasks, and of each axis. Each adjusts its own tests."""
+    clean, level = [one.clean for one in compared], alpha / 2
+    several = [pairs if pairs["task"].nunique() > 1 else pairs[:0] for pairs in clean]
+    overall = contrasts(clean, Question((all_pairs,), level, margin=margin, tests_all=True))
+    parts = contrasts(several, Question((by_simulator, by_task), level, margin=margin))
+    conditions: list[list[Contrast]] = [[] for _ in compared]
+    for axis in dict.fromkeys(cell.axis for cell in document.plan):
+        of_axis = [one.perturbed[one.perturbed["axis"] == axis] for one in compared]
+        for shifts, found in zip(conditions, contrasts(of_axis, Question((by_condition,), level)), strict=True):
+            shifts += found
+    moved = adjusted([one.behaviour for one in compared])
+    done = []
+    for one, (whole,), found, shifts, behaviour in zip(compared, overall, parts, conditions, moved, strict=True):
+        ordered = _in_order(found or [replace(whole, **stratum) for stratum, _ in by_task(one.clean)], document)
+        done.append(
+            one.complete(
+                overall=whole,
+                simulators=tuple(row for row in ordered if row.task is None),
+                tasks=tuple(row for row in ordered if row.task is not None),
+                conditions=tuple(shifts),
+                behaviour=behaviour,
+            )
+        )
+    return tuple(done)
 
 
-def _tasks(shared: pd.DataFrame, document: RunDocument, alpha: float, margin: float | None) -> tuple[Line, ...]:
-    """A line per task, by simulator in the order of the plan."""
-    tasks = {str(task): own for task, own in shared.groupby("task", sort=False, observed=True)}
-    order = list(dict.fromkeys([*(cell.task for cell in document.plan), *tasks]))
-    simulators = list(dict.fromkeys(map(_simulator, order)))
-    lines = []
-    for task in sorted(tasks, key=lambda task: (simulators.index(_simulator(task)), order.index(task))):
-        won = (tasks[task][column] == str(Status.SUCCESS) for column in ("status", "status_before"))
-        pairs = Pairs.from_outcomes(*(side.to_numpy(float) for side in won))
-        lines.append(_line(_simulator(task), task, pairs, alpha, margin))
-    return tuple(lines)
-
-
-def _simulator(task: str) -> str:
-    return task.partition("/")[0]
-
-
-def _simulators(tasks: Sequence[Line], alpha: float, margin: float | None) -> tuple[Line, ...]:
-    own: dict[str | None, list[Pairs]] = {}
-    for line in tasks:
-        own.setdefault(line.simulator, []).append(line.pairs)
-    if len(own) < 2:
-        return ()
-    return tuple(_line(name, None, pooled(pairs), alpha, margin) for name, pairs in own.items() if len(pairs) > 1)
-
-
-def _line(simulator: str | None, task: str | None, pairs: Pairs, alpha: float, margin: float | None) -> Line:
-    difference = paired_difference(pairs, 1 - alpha)
-    assert difference is not None  # There is a pair.
-    no_worse = None if margin is None else is_no_worse(pairs, margin, 1 - alpha)
-    detectable = detectable_drop(pairs, alpha / 2)
-    return Line(simulator, task, pairs, difference, mcnemar(pairs), detectable, no_worse=no_worse)
-
-
-def _adjusted(compared: Sequence[PairwiseComparison], alpha: float) -> tuple[PairwiseComparison, ...]:
-    """Add adjusted p-values: one family over all tasks, one of all simulators and tasks, one of each axis.
-
-    Simulators and tasks whose test cannot reach alpha are not in the second family and have 1, see `pairs.can_reject`.
-    """
-    overall = holm([one.overall.p for one in compared])
-    tested = [line for one in compared for line in one.parts if can_reject(line.pairs, alpha / 2)]
-    found = dict(zip(map(id, tested), holm([line.p for line in tested]), strict=True))
-
-    def with_p(lines: Sequence[Line], otherwise: float) -> tuple[Line, ...]:
-        return tuple(replace(line, adjusted=found.get(id(line), otherwise)) for line in lines)
-
-    adjusted = []
-    conditions = adjusted_by_axis([one.conditions for one in compared], alpha)
-    moved = paired_behaviour.adjusted([one.behaviour for one in compared])
-    for one, p, shifts, behaviour in zip(compared, overall, conditions, moved, strict=True):
-        otherwise = 1.0 if one.parts else p  # A single task is the line over all tasks.
-        simulators, tasks = with_p(one.simulators, otherwise), with_p(one.tasks, otherwise)
-        line = replace(one.overall, adjusted=p)
-        with_tests = replace(one, overall=line, simulators=simulators, tasks=tasks, conditions=shifts)
-        adjusted.append(replace(with_tests, behaviour=behaviour))
-    return tuple(adjusted)
+def _in_order(rows: Sequence[Contrast], document: RunDocument) -> list[Contrast]:
+    """Simulators and tasks in the order of the plan, tasks by simulator."""
+    tasks = dict.fromkeys([*(cell.task for cell in document.plan), *(row.task for row in rows if row.task)])
+    simulators = dict.fromkeys(task.partition("/")[0] for task in tasks)
+    places = {name: place for names in (tasks, simulators) for place, name in enumerate(names)}
+    return sorted(rows, key=lambda row: (places[row.simulator or ""], places[row.task] if row.task else -1))
 
 
 PLAY_ALIKE = "play both on the same tasks with the same seeds and protocol"

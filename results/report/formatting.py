@@ -105,6 +105,11 @@ def points(estimate: Estimate | None) -> str:
     return f"{value:+.1f} [{', '.join(ends)}]" if ends else f"{value:+.1f}"
 
 
+def difference(estimate: Estimate | None) -> str:
+    """A difference of rates with its unit: `+4.0 [-1.2, 9.0] points`."""
+    return NOTHING if estimate is None else f"{points(estimate)} points"
+
+
 def p_value(value: float) -> str:
     """`0.031`, or `<0.001`."""
     return "<0.001" if value < 0.001 else f"{value:.3f}"

@@ -38,7 +38,7 @@ def terms_of(blocks: Iterable[Block]) -> dict[str, str]:
     return found
 
 
-def render_blocks(blocks: Sequence[Block], policies: Sequence[str]) -> Markup:
+def render_blocks(blocks: Iterable[Block], policies: Sequence[str] = ()) -> Markup:
     """Return blocks as HTML; the place of a policy among `policies` says its colour and marker."""
     series = {policy: place % SERIES for place, policy in enumerate(policies)}
 

@@ -58,6 +58,12 @@ def difference(line: MeasureLine) -> str:
     return f"{shown} {unit}".rstrip() + (f" [{ends.low + 0.0:.3g}, {ends.high + 0.0:.3g}]" if ends else "")
 
 
+def tables(found: BehaviourComparison | None, first: str, second: str) -> list[TextTable]:
+    """How two sides move and fail; none where that was not measured."""
+    moves = [measure_table(found)] if found and found.measures else []
+    return moves + ([change_table(found.changes, first, second)] if found and found.changes else [])
+
+
 def measure_table(found: BehaviourComparison) -> TextTable:
     """The measures in the pairs in which both succeeded."""
     rows = tuple(

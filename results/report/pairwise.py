@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
+from robogauntlet.results.analysis.comparison import PolicyComparison
+from robogauntlet.results.analysis.contrasts import Contrast
 from robogauntlet.results.analysis.leaderboard import MOST_POLICIES
-from robogauntlet.results.analysis.pairwise import ALL_PAIRS, Line, PairwiseComparison, PairwiseComparisons
-from robogauntlet.results.analysis.pairwise_conditions import ConditionLine
+from robogauntlet.results.analysis.pairwise import ALL_PAIRS, PolicyComparisons
 from robogauntlet.results.report import formatting, paired_behaviour
 from robogauntlet.results.report.facts import DEFINITIONS, PAIRWISE_TERMS
 from robogauntlet.results.report.formatting import (
@@ -17,6 +16,7 @@ from robogauntlet.results.report.formatting import (
     TextTable,
     aligned,
     counted,
+    difference,
     escape,
     markdown,
     p_value,
@@ -26,13 +26,13 @@ from robogauntlet.results.report.formatting import (
 from robogauntlet.results.statistics.pairs import POWER
 from robogauntlet.results.statistics.rates import rate
 
-BEGINS = re.compile(
+BEGINS = (
     rb"(### )?[^\n]+ against [^\n]+: [^\n]+ points, [^\n]+ pairs?\n"
     rb"|(\| )?policy +(\| )?letters +(\| )?mean of tasks"
     rb"|(\| )?(all tasks|against [^\n]+?) +(\| )?pairs +(\| )?first +(\| )?second"
     rb"|\{\n \"alpha\": [^\n]*\n \"baseline\": "
 )
-"""How comparisons of policies begin, in each of their forms."""
+"""How comparisons of policies begin, in each of their forms: a regular expression."""
 ALL = "all tasks"
 CLEAN_TITLE = "Outcomes of the pairs in which one or both failed"
 PERTURBED_TITLE = "Outcomes of the perturbed pairs in which one or both failed"
@@ -79,7 +79,7 @@ class Forest:
     """The policies of a plot of two."""
 
 
-def names(one: PairwiseComparison) -> tuple[str, str]:
+def names(one: PolicyComparison) -> tuple[str, str]:
     """The policies, with their runs if these differ."""
     sides = (one.first, one.second)
     several = one.first.run != one.second.run
@@ -87,30 +87,26 @@ def names(one: PairwiseComparison) -> tuple[str, str]:
     return first, second
 
 
-def title(one: PairwiseComparison) -> str:
+def title(one: PolicyComparison) -> str:
     """`merged against experts`."""
     return " against ".join(names(one))
 
 
-def difference(line: Line | ConditionLine) -> str:
-    """A difference with its interval: `-3.3 [-9.6, 1.7] points`."""
-    return f"{formatting.points(line.difference)} points"
-
-
-def headline(one: PairwiseComparison) -> str:
+def headline(one: PolicyComparison) -> str:
     """The result over all tasks in a line."""
     line = one.overall
     p = "p" if line.adjusted == line.p else "adjusted p"
-    return f"{title(one)}: {difference(line)}, {p} {p_value(line.adjusted)}, {counted(line.pairs.trials, 'pair')}"
+    found = f"{difference(line.difference)}, {p} {p_value(line.adjusted)}"
+    return f"{title(one)}: {found}, {counted(line.pairs.trials, 'pair')}"
 
 
-def sentences(one: PairwiseComparison, comparisons: PairwiseComparisons) -> list[str]:
+def sentences(one: PolicyComparison, comparisons: PolicyComparisons) -> list[str]:
     """What the comparison shows, and what was left out."""
     moved = () if one.behaviour is None else paired_behaviour.sentences(one.behaviour, *names(one), comparisons.alpha)
     return [*_found(one, comparisons), *moved, *_left_out(one)]
 
 
-def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterator[str]:
+def _found(one: PolicyComparison, comparisons: PolicyComparisons) -> Iterator[str]:
     (first, second), line, alpha = names(one), one.overall, comparisons.alpha
     rates = [percent(rate(won, line.pairs.trials)) for won in (line.pairs.first, line.pairs.second)]
     significant = f"The difference is significant at {100 * alpha:g} %."
@@ -119,29 +115,31 @@ def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterato
     yield f"Success in {counted(line.pairs.trials, 'episode')}: {first} {rates[0]}, {second} {rates[1]}. {found}"
     if one.parts:
         differ = [line for line in one.tasks if line.adjusted <= alpha]
-        listed = f": {', '.join(f'{line.task} ({difference(line)})' for line in differ)}" if differ else ""
+        listed = f": {', '.join(f'{line.task} ({difference(line.difference)})' for line in differ)}" if differ else ""
         yield f"Tasks with a difference after adjustment: {len(differ)} of {len(one.tasks)}{listed}."
     if one.conditions:
         shown = [line for line in one.conditions if line.adjusted <= alpha]
-        listed = f": {', '.join(f'{line.condition} ({difference(line)})' for line in shown)}" if shown else ""
+        listed = (
+            f": {', '.join(f'{line.condition} ({difference(line.difference)})' for line in shown)}" if shown else ""
+        )
         yield f"Perturbed conditions with a difference: {len(shown)} of {len(one.conditions)}{listed}."
     if line.no_worse is not None and comparisons.margin is not None:
         is_shown = "It is shown" if line.no_worse else "It is not shown"
         yield f"{is_shown} that {first} is no worse than {second} by more than {100 * comparisons.margin:g} points."
-    if one.first.policy_digest == one.second.policy_digest:
+    if one.is_same_policy:
         yield "Both have the same content."
     if one.identical:
         yield f"Both executed the same actions in {one.identical:,} of {counted(line.pairs.trials, 'pair')}."
 
 
-def _detectable(line: Line, several: bool) -> str:
+def _detectable(line: Contrast, several: bool) -> str:
     if line.detectable is None:
         return "No difference can be detected with so few pairs."
     found = f"A difference of {100 * line.detectable:.1f} points is detected with a probability of {percent(POWER)}"
     return f"{found}{' before adjustment' if several else ''}."
 
 
-def _left_out(one: PairwiseComparison) -> Iterator[str]:
+def _left_out(one: PolicyComparison) -> Iterator[str]:
     first, second = names(one)
     if any(one.errors):
         yield f"Left out: {counted(one.errors[0], 'error')} of {first}, {one.errors[1]:,} of {second}."
@@ -159,7 +157,7 @@ def _left_out(one: PairwiseComparison) -> Iterator[str]:
         yield f"{str(kind).capitalize()}: {words}."
 
 
-def summary(comparisons: PairwiseComparisons) -> list[str]:
+def summary(comparisons: PolicyComparisons) -> list[str]:
     """Sentences on the whole: pairs that were not compared, and many policies."""
     lines = [f"Not compared: {reason}." for reason in comparisons.not_compared]
     if comparisons.is_adaptive:
@@ -174,7 +172,7 @@ def summary(comparisons: PairwiseComparisons) -> list[str]:
     return lines
 
 
-def method(comparisons: PairwiseComparisons) -> str:
+def method(comparisons: PolicyComparisons) -> str:
     """How the numbers were computed."""
     under = any(one.conditions for one in comparisons.comparisons)
     clean = (
@@ -187,12 +185,12 @@ def method(comparisons: PairwiseComparisons) -> str:
     return " ".join([clean, *(DEFINITIONS[term] for term in used)])
 
 
-def _moves(comparisons: PairwiseComparisons) -> bool:
+def _moves(comparisons: PolicyComparisons) -> bool:
     """Whether it is compared how policies move."""
     return any(one.behaviour is not None and one.behaviour.measures for one in comparisons.comparisons)
 
 
-def _lines(one: PairwiseComparison) -> list[tuple[str, str, Line]]:
+def _lines(one: PolicyComparison) -> list[tuple[str, str, Contrast]]:
     """Simulator, name and line of each row: tasks by simulator, then the simulator, and all tasks at the end."""
     if not one.parts:
         return [("", one.tasks[0].task or ALL, one.overall)]
@@ -205,7 +203,7 @@ def _lines(one: PairwiseComparison) -> list[tuple[str, str, Line]]:
     return [*rows, ("", ALL, one.overall)]
 
 
-def table(one: PairwiseComparison) -> TextTable:
+def table(one: PolicyComparison) -> TextTable:
     """All tasks, simulators and tasks of a comparison."""
     rows = []
     for simulator, name, line in _lines(one):
@@ -214,7 +212,7 @@ def table(one: PairwiseComparison) -> TextTable:
     return TextTable(("task", *_header(*names(one))), tuple(rows), 1)
 
 
-def condition_table(one: PairwiseComparison) -> TextTable | None:
+def condition_table(one: PolicyComparison) -> TextTable | None:
     """The perturbed conditions of a comparison, all tasks together; None without any."""
     if not one.conditions:
         return None
@@ -222,7 +220,7 @@ def condition_table(one: PairwiseComparison) -> TextTable | None:
     return TextTable(("condition", "tasks", *_header(*names(one))), rows, 1)
 
 
-def behaviour_tables(one: PairwiseComparison) -> list[tuple[str, TextTable]]:
+def behaviour_tables(one: PolicyComparison) -> list[tuple[str, TextTable]]:
     """How the two move and fail, titles and tables; none where that was not measured."""
     found = one.behaviour
     tables = []
@@ -233,7 +231,7 @@ def behaviour_tables(one: PairwiseComparison) -> list[tuple[str, TextTable]]:
     return tables
 
 
-def overview_table(comparisons: PairwiseComparisons) -> TextTable:
+def overview_table(comparisons: PolicyComparisons) -> TextTable:
     """Several comparisons over all tasks, with a row each."""
     baseline = comparisons.baseline
     rows = tuple((_short_title(one, comparisons), *_numbers(one.overall)) for one in comparisons.comparisons)
@@ -241,7 +239,7 @@ def overview_table(comparisons: PairwiseComparisons) -> TextTable:
     return TextTable(header, rows, 1)
 
 
-def _short_title(one: PairwiseComparison, comparisons: PairwiseComparisons) -> str:
+def _short_title(one: PolicyComparison, comparisons: PolicyComparisons) -> str:
     """The comparison among others: the first policy if all are compared with the baseline."""
     return title(one) if comparisons.baseline is None else names(one)[0]
 
@@ -251,7 +249,7 @@ def _header(first: str, second: str) -> tuple[str, ...]:
     return ("pairs", first, second, "difference", "only first", "only second", *tested)
 
 
-def _numbers(line: Line | ConditionLine) -> tuple[str, ...]:
+def _numbers(line: Contrast) -> tuple[str, ...]:
     pairs = line.pairs
     return (
         f"{pairs.trials:,}",
@@ -266,7 +264,7 @@ def _numbers(line: Line | ConditionLine) -> tuple[str, ...]:
     )
 
 
-def standings_table(comparisons: PairwiseComparisons) -> TextTable | None:
+def standings_table(comparisons: PolicyComparisons) -> TextTable | None:
     """The policies with their rates and letters, the best first; None if there are no letters."""
     if not comparisons.standings:
         return None
@@ -277,7 +275,7 @@ def standings_table(comparisons: PairwiseComparisons) -> TextTable | None:
     return TextTable(("policy", "letters", "mean of tasks", "interval of all episodes", "episodes"), rows, 2)
 
 
-def terms(comparisons: PairwiseComparisons) -> list[tuple[str, str]]:
+def terms(comparisons: PolicyComparisons) -> list[tuple[str, str]]:
     """Terms of the section, with their definitions."""
     absent = set() if comparisons.comparisons else set(PAIRWISE_TERMS) - {"letters"}
     absent |= set() if comparisons.standings else {"letters"}
@@ -286,7 +284,7 @@ def terms(comparisons: PairwiseComparisons) -> list[tuple[str, str]]:
     return [(term, DEFINITIONS[term]) for term in PAIRWISE_TERMS if term not in absent]
 
 
-def task_forest(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Forest:
+def task_forest(one: PolicyComparison, comparisons: PolicyComparisons) -> Forest:
     """A forest plot of the tasks, the simulators and all tasks of a comparison."""
     lines = _lines(one)
     groups = {simulator: [(n, line) for of, n, line in lines if of == simulator] for simulator, _, _ in lines}
@@ -295,7 +293,7 @@ def task_forest(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Fo
     return replace(_forest(title(one), note, groups, comparisons), about=title(one))
 
 
-def overview_forest(comparisons: PairwiseComparisons) -> Forest:
+def overview_forest(comparisons: PolicyComparisons) -> Forest:
     """A forest plot of several comparisons over all tasks."""
     rows = [(_short_title(one, comparisons), one.overall) for one in comparisons.comparisons]
     name = ALL.capitalize() if comparisons.baseline is None else f"All tasks, against {comparisons.baseline}"
@@ -304,7 +302,7 @@ def overview_forest(comparisons: PairwiseComparisons) -> Forest:
 
 
 def _forest(
-    name: str, note: str, groups: dict[str, list[tuple[str, Line]]], comparisons: PairwiseComparisons
+    name: str, note: str, groups: dict[str, list[tuple[str, Contrast]]], comparisons: PolicyComparisons
 ) -> Forest:
     ends = [abs(end) for rows in groups.values() for _, line in rows for end in _ends(line)]
     reach = next(reach for reach in REACHES if reach >= max(ends) or reach == REACHES[-1])
@@ -329,55 +327,22 @@ def _forest(
     return Forest(name, note, ticks, margin, tuple(drawn))
 
 
-def _ends(line: Line) -> tuple[float, float]:
+def _ends(line: Contrast) -> tuple[float, float]:
     interval, value = line.difference.interval, line.difference.value
     return (value, value) if interval is None else (interval.low, interval.high)
 
 
-def as_text(comparisons: PairwiseComparisons) -> str:
-    """The comparisons for a terminal or a log."""
+def written(comparisons: PolicyComparisons, form: str) -> str:
+    """The comparisons with their method: `text` for a terminal or a log, or GitHub's `markdown`."""
+    draw, safe, heading, gap = (aligned, str, "", "\n") if form == "text" else (markdown, escape, "### ", "\n\n")
     parts = []
     if standings := standings_table(comparisons):
-        parts += [aligned(standings), DEFINITIONS["letters"]]
+        parts += [draw(standings), safe(DEFINITIONS["letters"])]
     if len(comparisons.comparisons) > 1:
-        parts.append(aligned(overview_table(comparisons)))
+        parts.append(draw(overview_table(comparisons)))
     for one in comparisons.comparisons:
-        found = "\n".join(f"- {sentence}" for sentence in sentences(one, comparisons))
-        parts += [f"{headline(one)}\n{found}", aligned(table(one))]
-        if perturbed := condition_table(one):
-            parts.append(aligned(perturbed))
-        parts += [f"{title}:\n{aligned(shown)}" for title, shown in behaviour_tables(one)]
-    return "\n\n".join([*parts, *summary(comparisons), method(comparisons)]) + "\n"
-
-
-def as_markdown(comparisons: PairwiseComparisons) -> str:
-    """The comparisons as GitHub Markdown, with the method."""
-    return f"{markdown_section(comparisons)}\n\n{escape(method(comparisons))}\n"
-
-
-def markdown_section(comparisons: PairwiseComparisons) -> str:
-    """The comparisons as GitHub Markdown, with a heading of the third level each."""
-    parts = []
-    if standings := standings_table(comparisons):
-        parts += [markdown(standings), escape(DEFINITIONS["letters"])]
-    if len(comparisons.comparisons) > 1:
-        parts.append(markdown(overview_table(comparisons)))
-    for one in comparisons.comparisons:
-        found = "\n".join(f"- {escape(sentence)}" for sentence in sentences(one, comparisons))
-        parts += [f"### {escape(headline(one))}", found, markdown(table(one))]
-        if perturbed := condition_table(one):
-            parts.append(markdown(perturbed))
-        for title, shown in behaviour_tables(one):
-            parts += [f"{title}:", markdown(shown)]
-    return "\n\n".join([*parts, *map(escape, summary(comparisons))])
-
-
-def as_json(comparisons: PairwiseComparisons) -> str:
-    """The comparisons for programs; differences and their intervals are shares, between -1 and 1."""
-    plain = asdict(comparisons)
-    for found, one in zip(plain["comparisons"], comparisons.comparisons, strict=True):
-        found |= {"headline": headline(one), "sentences": sentences(one, comparisons)}
-    return json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n"
-
-
-FORMATS = {"text": as_text, "json": as_json, "markdown": as_markdown}
+        found = "\n".join(f"- {safe(sentence)}" for sentence in sentences(one, comparisons))
+        parts.append(f"{heading}{safe(headline(one))}{gap}{found}")
+        parts += [draw(shown) for shown in (table(one), condition_table(one)) if shown]
+        parts += [f"{title}:{gap}{draw(shown)}" for title, shown in behaviour_tables(one)]
+    return "\n\n".join([*parts, *map(safe, [*summary(comparisons), method(comparisons)])]) + "\n"

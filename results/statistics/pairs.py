@@ -87,6 +87,11 @@ def mcnemar_worse(pairs: Pairs) -> float:
     return float(binom.sf(pairs.second_only - 1, pairs.first_only + pairs.second_only, 0.5))
 
 
+def mcnemar_better(pairs: Pairs) -> float:
+    """`mcnemar_worse` in the other direction."""
+    return mcnemar_worse(Pairs(pairs.both, pairs.second_only, pairs.first_only, pairs.neither))
+
+
 def can_reject(pairs: Pairs, alpha: float) -> bool:
     """Whether `mcnemar_worse` could reach alpha if all pairs that disagree were of one kind.
 

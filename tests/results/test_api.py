@@ -82,6 +82,7 @@ def test_a_comparison_prints_itself(folders):
     found = robogauntlet.compare(*folders)
     assert found.verdict is Verdict.REGRESSED
     assert str(found).startswith("REGRESSED: now against before\n")
+    assert found.kind == "runs"
     assert found._repr_markdown_().startswith("### ")
     back = robogauntlet.compare(robogauntlet.open_run(folders[1]), folders[0], allowed={Difference.SUITE})
     assert back.verdict is Verdict.IMPROVED
@@ -97,6 +98,7 @@ def two_policies(tmp_path):
 def test_policies_of_a_run_are_compared_and_printed(two_policies):
     found = robogauntlet.open_run(two_policies).compare("p", "q", margin=0.05)
     assert found.comparisons[0].overall.difference.value == pytest.approx(0.3)
+    assert found.kind == "policies"
     assert str(found).startswith("p against q: +30.0 [")
     assert found._repr_markdown_().startswith("### p against q: +30.0 [")
     assert str(robogauntlet.open_run(two_policies).compare()).startswith("p against q: +30.0 [")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunDocument
-from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio, pooled
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.suites.episode import Condition
 
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("pair_id", "simulator", "task", "policy_digest", "axis", "severity", "status", "inferred_task")
 """Fields of the record that are needed."""
+ROLES = ("expert", "oracle_routed", "routed")
 SEED = 20251118
 """Seed of the bootstrap, so that reports are reproducible."""
 
@@ -115,100 +115,75 @@ def build_merging(document: RunDocument, frame: pd.DataFrame) -> Merging | None:
     return Merging(roles.expert, roles.oracle_routed, condition, routed)
 
 
-Outcomes = Mapping[str, str]
-"""Pair to status."""
+@dataclass(frozen=True, eq=False)
+class _Outcomes:
+    """What each role made of each pair: tables with the columns `ROLES`, by task and pair."""
+
+    won: pd.DataFrame
+    """1 for a success, 0 for a failure, NaN without a verdict."""
+    errors: pd.Series[bool]
+    """Whether a role ended in an error."""
+    planned: Mapping[str, tuple[str, int]]
+    """Task to its simulator and number of planned pairs."""
+
+    @classmethod
+    def of_frames(cls, frames: Sequence[pd.DataFrame], planned: Mapping[str, tuple[str, int]]) -> _Outcomes:
+        """Collect the outcomes of the planned tasks from the rows of each role."""
+        import pandas as pd
+
+        sides = [frame[["task", "pair_id", "status"]].astype(str) for frame in frames]
+        sides = [side[side["task"].isin(list(planned))].set_index(["task", "pair_id"])["status"] for side in sides]
+        statuses = pd.concat(sides, axis=1, keys=ROLES)
+        verdicts = statuses.isin([str(Status.SUCCESS), str(Status.FAILURE)])
+        won = (statuses == str(Status.SUCCESS)).astype(float).where(verdicts)
+        return cls(won, (statuses.notna() & ~verdicts).any(axis=1), planned)
+
+    def pairs(self, first: str, second: str, tasks: Sequence[str]) -> Pairs:
+        """Outcomes of two roles on the pairs of these tasks that have a verdict of every role."""
+        own = self.won[self.won.index.get_level_values("task").isin(tasks)].dropna()
+        return Pairs.from_outcomes(own[first].to_numpy(), own[second].to_numpy())
+
+    def row(self, tasks: Sequence[str], simulator: str | None, task: str | None) -> MergingRow:
+        """The rates and losses of these tasks."""
+        is_own = self.won.index.get_level_values("task").isin(tasks)
+        own = (self.won.loc[is_own, role] for role in ROLES)
+        expert, oracle_routed, routed = (Rate.from_counts(int(won.sum()), int(won.count())) for won in own)
+        losses = self._losses(tasks, int(self.errors[is_own].sum()))
+        return MergingRow(simulator, task, expert, oracle_routed, routed, losses)
+
+    def _losses(self, tasks: Sequence[str], errors: int) -> Losses:
+        import numpy as np
+
+        expert, oracle_routed, routed = ROLES
+        pairs = self.pairs(expert, routed, tasks)
+        return Losses(
+            pairs=pairs.trials,
+            errors=errors,
+            missing=max(sum(self.planned[task][1] for task in tasks) - pairs.trials - errors, 0),
+            merging=paired_difference(self.pairs(expert, oracle_routed, tasks)),
+            routing=paired_difference(self.pairs(oracle_routed, routed, tasks)),
+            total=paired_difference(pairs),
+            retention=paired_ratio([self.pairs(routed, expert, [task]) for task in tasks], np.random.default_rng(SEED)),
+        )
+
+    def regret(self, routed: pd.DataFrame) -> Regret:
+        """What the routed policy lost where it inferred a wrong task."""
+        named = routed[routed["inferred_task"].notna()]
+        wrong = named.loc[named["task"].astype(str) != named["inferred_task"].astype(str), "pair_id"].astype(str)
+        own = self.won[self.won.index.get_level_values("pair_id").isin(wrong)].dropna(subset=list(ROLES[1:]))
+        pairs = Pairs.from_outcomes(*(own[role].to_numpy() for role in ROLES[1:]))
+        return Regret(pairs.trials, paired_difference(pairs))
 
 
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """One task's outcomes on each side."""
-
-    simulator: str
-    name: str
-    planned: int
-    sides: tuple[Outcomes, Outcomes, Outcomes]
-
-    def complete_pairs(self) -> list[str]:
-        """Pairs with a verdict of every policy."""
-        return [pair for pair in self.sides[0] if all(side.get(pair) in _VERDICTS for side in self.sides)]
-
-    def errors(self) -> int:
-        """Number of pairs with an error of a policy."""
-        return len({pair for side in self.sides for pair, status in side.items() if status not in _VERDICTS})
-
-    def pairs_of(self, first: int, second: int) -> Pairs:
-        """Outcomes of two policies on the complete pairs."""
-        return _pairs(self.sides[first], self.sides[second], self.complete_pairs())
-
-
-_VERDICTS = (str(Status.SUCCESS), str(Status.FAILURE))
-
-
-def _compare(
-    policy: str, planned: Mapping[str, tuple[str, int]], frames: tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]
-) -> RoutedComparison:
-    expert, oracle_routed, routed = (_outcomes(frame) for frame in frames)
-    tasks = [
-        _Task(simulator, name, number, (expert.get(name, {}), oracle_routed.get(name, {}), routed.get(name, {})))
-        for name, (simulator, number) in planned.items()
-    ]
-    simulators = dict.fromkeys(task.simulator for task in tasks)
+def _compare(policy: str, planned: Mapping[str, tuple[str, int]], frames: Sequence[pd.DataFrame]) -> RoutedComparison:
+    outcomes = _Outcomes.of_frames(frames, planned)
+    simulators: dict[str, list[str]] = {}
+    for task, (simulator, _) in planned.items():
+        simulators.setdefault(simulator, []).append(task)
     return RoutedComparison(
         policy=policy,
-        tasks=tuple(_row([task], task.simulator, task.name) for task in tasks),
-        simulators=tuple(_row([t for t in tasks if t.simulator == name], name, None) for name in simulators),
-        overall=_row(tasks, None, None),
-        regret=_regret(tasks, frames[2]),
+        tasks=tuple(outcomes.row([task], simulator, task) for task, (simulator, _) in planned.items()),
+        simulators=tuple(outcomes.row(tasks, name, None) for name, tasks in simulators.items()),
+        overall=outcomes.row(list(planned), None, None),
+        regret=outcomes.regret(frames[2]),
     )
-
-
-def _outcomes(frame: pd.DataFrame) -> dict[str, dict[str, str]]:
-    """Task to pair to status."""
-    found: dict[str, dict[str, str]] = {}
-    for task, pair, status in zip(frame["task"], frame["pair_id"], frame["status"], strict=True):
-        found.setdefault(str(task), {})[str(pair)] = str(status)
-    return found
-
-
-def _row(tasks: Sequence[_Task], simulator: str | None, task: str | None) -> MergingRow:
-    expert, oracle_routed, routed = (_rate([t.sides[i] for t in tasks]) for i in range(3))
-    return MergingRow(simulator, task, expert, oracle_routed, routed, _losses(tasks))
-
-
-def _rate(outcomes: Sequence[Outcomes]) -> Rate:
-    counts = Counter(status for side in outcomes for status in side.values())
-    return Rate.from_counts(counts[_VERDICTS[0]], counts[_VERDICTS[0]] + counts[_VERDICTS[1]])
-
-
-def _losses(tasks: Sequence[_Task]) -> Losses:
-    import numpy as np
-
-    pairs = sum(len(task.complete_pairs()) for task in tasks)
-    errors = sum(task.errors() for task in tasks)
-    return Losses(
-        pairs=pairs,
-        errors=errors,
-        missing=max(sum(task.planned for task in tasks) - pairs - errors, 0),
-        merging=paired_difference(pooled(task.pairs_of(0, 1) for task in tasks)),
-        routing=paired_difference(pooled(task.pairs_of(1, 2) for task in tasks)),
-        total=paired_difference(pooled(task.pairs_of(0, 2) for task in tasks)),
-        retention=paired_ratio([task.pairs_of(2, 0) for task in tasks], np.random.default_rng(SEED)),
-    )
-
-
-def _pairs(first: Outcomes, second: Outcomes, pairs: Sequence[str]) -> Pairs:
-    success = _VERDICTS[0]
-    counts = Counter((first[pair] == success, second[pair] == success) for pair in pairs)
-    return Pairs(counts[True, True], counts[True, False], counts[False, True], counts[False, False])
-
-
-def _regret(tasks: Sequence[_Task], routed: pd.DataFrame) -> Regret:
-    named = routed.loc[routed["inferred_task"].notna()]
-    wrong = named.loc[named["task"].astype(str) != named["inferred_task"].astype(str), "pair_id"]
-    misrouted, parts = set(wrong.astype(str)), []
-    for task in tasks:
-        sides = task.sides[1:]
-        both = [pair for pair in sides[1] if pair in misrouted and all(side.get(pair) in _VERDICTS for side in sides)]
-        parts.append(_pairs(*sides, both))
-    counts = pooled(parts)
-    return Regret(counts.trials, paired_difference(counts))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from robogauntlet.results.analysis.comparison import Run
-from robogauntlet.results.analysis.pairwise import COLUMNS, PairwiseComparison, PairwiseComparisons, compare_all
+from robogauntlet.results.analysis.comparison import PolicyComparison, Run
+from robogauntlet.results.analysis.pairwise import COLUMNS, PolicyComparisons, compare_all
 from robogauntlet.results.report import pairwise as words
 from robogauntlet.results.report.blocks import Block, Fold, Heading, Paragraph, Sentences, Table, Terms
 from robogauntlet.results.report.section import Section, Source
@@ -16,13 +16,13 @@ def _has_several_policies(document: RunDocument) -> bool:
     return len({cell.policy for cell in document.plan}) > 1
 
 
-def _build(source: Source) -> PairwiseComparisons | None:
+def _build(source: Source) -> PolicyComparisons | None:
     if not source.tables.total.done or not _has_several_policies(source.document):
         return None
     return compare_all(Run(source.folder.absolute().name, source.document, source.rows))
 
 
-def comparison_blocks(found: PairwiseComparisons) -> Iterator[Block]:
+def comparison_blocks(found: PolicyComparisons) -> Iterator[Block]:
     """The comparisons, of a run or of several."""
     if standings := words.standings_table(found):
         yield Table(standings, "Policies with letters")
@@ -39,7 +39,7 @@ def comparison_blocks(found: PairwiseComparisons) -> Iterator[Block]:
     yield Terms(dict(words.terms(found)))
 
 
-def _of_one(one: PairwiseComparison, found: PairwiseComparisons) -> Iterator[Block]:
+def _of_one(one: PolicyComparison, found: PolicyComparisons) -> Iterator[Block]:
     title = words.title(one)
     yield Sentences(tuple(words.sentences(one, found)))
     yield words.task_forest(one, found)
@@ -59,7 +59,7 @@ SECTIONS = (
         columns=COLUMNS,
         applies=_has_several_policies,
         build=_build,
-        type=PairwiseComparisons,
+        type=PolicyComparisons,
         blocks=lambda found, page: comparison_blocks(found),
     ),
 )

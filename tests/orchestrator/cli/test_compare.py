@@ -46,7 +46,7 @@ def test_a_regression_is_printed_and_sets_the_exit_code(run_command, runs):
     done = run_command("compare", runs / "wednesday", runs / "monday")
     assert done.code == 1
     assert "REGRESSED: wednesday against monday\n" in done.out
-    assert "- p, maniskill/A: 75 % before, 50 % now of 40 episodes, -25.0 points [" in done.out
+    assert "- p, maniskill/A: 75 % before, 50 % now of 40 episodes, -25.0 [" in done.out
     assert "- q: the same policy, the same actions in all of 80 episodes" in done.out
 
 

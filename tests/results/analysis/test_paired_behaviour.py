@@ -118,7 +118,7 @@ def test_a_run_is_compared_with_its_baseline():
         Run(name, document(12, plan), columns_of(longer_by(0.0, 12, plan), PAIRWISE_COLUMNS)) for name in ("x", "y")
     ]
     runs[0].rows["path_length"] += 0.1
-    (policy,) = compare_runs(*runs).policies
+    (policy,) = compare_runs(*runs).comparisons
     (line,) = policy.behaviour.measures
     assert line.difference.value == pytest.approx(0.1)
     assert line.p < 0.001

@@ -1,6 +1,5 @@
 """Policies against each other: what is paired, what is left out, and the algebra of the differences."""
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,7 +17,7 @@ from robogauntlet.results.analysis.pairwise import (
 )
 from robogauntlet.results.run_document import Provenance, RunError, RunStatus
 from robogauntlet.results.statistics.multiplicity import holm
-from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar, pooled
+from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar
 from robogauntlet.suites.episode import Cell, Condition, Protocol, SuccessRule, View
 from tests.results.synthetic import cells, columns_of, document, row
 
@@ -62,37 +61,6 @@ def drawn_run(drawn):
     return run(lambda cell, seed: drawn[place[cell.policy, cell.task] + seed] if seed else "success")
 
 
-def mirrored(pairs):
-    return Pairs(pairs.both, pairs.second_only, pairs.first_only, pairs.neither)
-
-
-@settings(max_examples=40)
-@given(OUTCOMES)
-def test_exchanging_the_policies_changes_the_sign_and_nothing_else(drawn):
-    played = drawn_run(drawn)
-    there, back = against((played, "a"), (played, "b")), against((played, "b"), (played, "a"))
-    for one, other in zip((there.overall, *there.parts), (back.overall, *back.parts), strict=True):
-        assert one.pairs == mirrored(other.pairs)
-        ends = (-other.difference.interval.high, -other.difference.interval.low)
-        assert (one.difference.interval.low, one.difference.interval.high) == pytest.approx(ends)
-        assert one.difference.value == pytest.approx(-other.difference.value)
-        assert (one.p, one.adjusted, one.detectable) == pytest.approx((other.p, other.adjusted, other.detectable))
-    assert (there.errors, there.unpaired) == (back.errors[::-1], back.unpaired[::-1])
-
-
-@settings(max_examples=40)
-@given(OUTCOMES)
-def test_all_tasks_are_the_sum_of_the_tasks_and_a_simulator_is_the_sum_of_its_own(drawn):
-    played = drawn_run(drawn)
-    found = against((played, "a"), (played, "b"))
-    assert found.overall.pairs == pooled(line.pairs for line in found.tasks)
-    (maniskill,) = found.simulators
-    assert maniskill.pairs == pooled(line.pairs for line in found.tasks if line.simulator == "maniskill")
-    weights = [line.pairs.trials for line in found.tasks]
-    mean = np.average([line.difference.value for line in found.tasks], weights=weights)
-    assert found.overall.difference.value == pytest.approx(mean)
-
-
 @settings(max_examples=40)
 @given(OUTCOMES)
 def test_a_policy_does_not_differ_from_itself(drawn):
@@ -113,39 +81,14 @@ def test_every_verdict_is_in_a_pair_or_counted_as_left_out(drawn):
         assert found.overall.pairs.trials + found.unpaired[side] + found.errors[side] == len(own)
 
 
-def test_differences_and_tests_are_those_of_the_statistics():
-    played = run(b_fails_in_c)
-    found = against((played, "a"), (played, "b"))
-    assert [(line.simulator, line.task) for line in found.tasks] == [(task.partition("/")[0], task) for task in TASKS]
-    assert found.tasks[2].pairs == Pairs(0, SEEDS, 0, 0)
-    assert found.tasks[2].difference.value == 1.0
-    assert found.tasks[2].p == mcnemar(found.tasks[2].pairs) == 2 * 0.5**SEEDS
-    assert found.overall.adjusted == found.overall.p
-    assert found.overall.detectable == detectable_drop(found.overall.pairs, 0.025)
-
-
-def test_the_margin_is_tested_on_demand():
-    def nearly(cell, seed):
-        return "failure" if seed == 0 and cell.policy == "a" else "success"
-
-    played = run(nearly, seeds=range(200))
-    assert against((played, "a"), (played, "b")).overall.no_worse is None
-    assert against((played, "a"), (played, "b"), margin=0.05).overall.no_worse
-    assert not against((played, "a"), (played, "b"), margin=0.001).overall.no_worse
-
-
 def test_policies_of_two_runs_are_paired():
     good = run(always, ("base",), "old")
     bad = run(lambda cell, seed: "failure" if seed % 2 else "success", ("new",), "today")
     found = against((bad, "new"), (good, "base"))
     assert found.overall.pairs == Pairs(12, 0, 12, 0)
+    assert found.overall.detectable == detectable_drop(found.overall.pairs, 0.025)
+    assert [(line.simulator, line.task) for line in found.tasks] == [(task.partition("/")[0], task) for task in TASKS]
     assert (found.first.run, found.second.run) == ("today", "old")
-
-
-def test_perturbed_episodes_are_in_no_clean_pair():
-    plan = cells(("a", "b"), TASKS[:1], (Condition(), Condition("light", 2)))
-    played = run(lambda cell, seed: "failure" if cell.condition.severity and cell.policy == "a" else "success", of=plan)
-    assert against((played, "a"), (played, "b")).overall.pairs == Pairs(SEEDS, 0, 0, 0)
 
 
 def test_a_renamed_policy_is_found_by_its_content():

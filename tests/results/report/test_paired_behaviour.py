@@ -7,7 +7,8 @@ import pytest
 from robogauntlet.results.analysis.comparison import Run, compare_runs
 from robogauntlet.results.analysis.paired_behaviour import BehaviourComparison, MeasureLine, OutcomeChange
 from robogauntlet.results.analysis.pairwise import COLUMNS, compare_all
-from robogauntlet.results.report import comparison, pairwise, write_report
+from robogauntlet.results.report import write_report
+from robogauntlet.results.report.comparison import render
 from robogauntlet.results.report.paired_behaviour import change_table, difference, measure_table, sentences
 from robogauntlet.results.statistics.rates import Estimate, Interval
 from tests.results.synthetic import cells, columns_of, document, row, rows, run_folder
@@ -79,13 +80,13 @@ def test_tables_have_measures_and_outcomes():
 
 def test_a_comparison_of_policies_has_them_in_every_format():
     found = compare_all(Run("night", document(15, PLAN), columns_of(results(), COLUMNS)))
-    for text in (pairwise.as_text(found), pairwise.as_markdown(found)):
+    for text in (render(found), render(found, "markdown")):
         assert "Both succeed in 14 pairs; differences shown there, medians of a minus b: path length +0.1" in text
         assert "Failures of a: 1 dropped." in text
         assert "How they move where both succeed:" in text
         assert "Outcomes of the pairs in which one or both failed:" in text
-        assert "Wilcoxon's signed-rank test" in text or text == pairwise.as_markdown(found)
-    assert '"behaviour": {' in pairwise.as_json(found)
+        assert "Wilcoxon's signed-rank test" in text or text == render(found, "markdown")
+    assert '"behaviour": {' in render(found, "json")
 
 
 def test_a_comparison_of_runs_has_them_where_actions_differ():
@@ -94,10 +95,10 @@ def test_a_comparison_of_runs_has_them_where_actions_differ():
     before = columns_of(results(("a",)), COLUMNS)
     before["path_length"] -= [0.2 + seed / 1000 for seed in range(15)]
     runs = [Run(name, document(15, plan), frame) for name, frame in (("now", now), ("before", before))]
-    text = comparison.as_markdown(compare_runs(*runs))
+    text = render(compare_runs(*runs), "markdown")
     assert "differences shown there, medians of the run minus the baseline: path length +0.2" in text
     assert "| rows the run, columns the baseline | dropped |" in text
-    alike = comparison.as_markdown(compare_runs(runs[1], runs[1]))
+    alike = render(compare_runs(runs[1], runs[1]), "markdown")
     assert "Both succeed" not in alike
 
 

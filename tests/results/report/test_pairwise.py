@@ -9,12 +9,9 @@ from robogauntlet.results.analysis.comparison import Run
 from robogauntlet.results.analysis.pairwise import COLUMNS, PolicyRows, compare_all, compare_policies
 from robogauntlet.results.api import open_run
 from robogauntlet.results.report import summary_model, write_report
+from robogauntlet.results.report.comparison import as_json, render
 from robogauntlet.results.report.formatting import TextTable, aligned
 from robogauntlet.results.report.pairwise import (
-    FORMATS,
-    as_json,
-    as_markdown,
-    as_text,
     overview_forest,
     overview_table,
     standings_table,
@@ -44,7 +41,7 @@ def two(first="a", second="b", **options):
 
 
 def test_the_text_says_what_was_found_and_how():
-    lines = as_text(two()).splitlines()
+    lines = render(two()).splitlines()
     assert lines[0] == "a against b: +16.7 [9.9, 24.0] points, p <0.001, 120 pairs"
     assert lines[1] == "- Success in 120 episodes: a 90 %, b 73 %. The difference is significant at 5 %."
     assert lines[2].startswith("- Tasks with a difference after adjustment: 1 of 3: pybullet/C (+50.0 [")
@@ -62,30 +59,30 @@ def test_the_text_says_what_was_found_and_how():
 
 
 def test_without_a_difference_the_text_says_what_would_have_been_detected():
-    text = as_text(two("a", "a"))
+    text = render(two("a", "a"))
     assert "Success in 120 episodes: a 90 %, a 90 %. No difference is shown. A difference of " in text
     assert "Both have the same content." in text
     assert "Both executed the same actions in 120 of 120 pairs." in text
 
 
 def test_the_margin_is_mentioned_if_it_was_asked_for():
-    assert "no worse than" not in as_text(two())
-    assert "It is shown that a is no worse than b by more than 5 points." in as_text(two(margin=0.05))
-    assert "It is not shown that b is no worse than a by more than 5 points." in as_text(two("b", "a", margin=0.05))
+    assert "no worse than" not in render(two())
+    assert "It is shown that a is no worse than b by more than 5 points." in render(two(margin=0.05))
+    assert "It is not shown that b is no worse than a by more than 5 points." in render(two("b", "a", margin=0.05))
 
 
 def test_policies_of_two_runs_are_named_with_their_runs():
     old, new = run(), Run("today", run().document, run().rows)
     found = compare_policies(PolicyRows.of_run(new, "b"), PolicyRows.of_run(old, "b"))
-    assert as_text(found).startswith("today:b against night:b: +0.0 [")
+    assert render(found).startswith("today:b against night:b: +0.0 [")
 
 
 def test_markdown_has_a_heading_and_a_table_that_hold_any_name():
-    text = as_markdown(two())
+    text = render(two(), "markdown")
     assert text.startswith("### a against b: +16.7 [9.9, 24.0] points, p &lt;0.001, 120 pairs\n")
     assert "| task | pairs | a | b | difference |" in text
     hostile = run(("a|b", "<script>"))
-    assert "<script" not in as_markdown(compare_all(hostile))
+    assert "<script" not in render(compare_all(hostile), "markdown")
 
 
 def test_json_has_counts_shares_and_sentences():
@@ -102,7 +99,7 @@ def test_all_pairs_have_an_overview_and_letters_in_every_format():
     assert [row[0] for row in overview_table(found).rows] == ["a against b", "a against c", "b against c"]
     assert {row[0]: row[1] for row in standings_table(found).rows} == {"a": "a", "c": "a", "b": "b"}
     for name in ("text", "markdown"):
-        assert "share a letter" in FORMATS[name](found)
+        assert "share a letter" in render(found, name)
     assert {row["policy"]: row["letters"] for row in json.loads(as_json(found))["standings"]}["b"] == "b"
 
 
@@ -161,7 +158,11 @@ def test_perturbed_conditions_are_compared_in_every_file_and_format(tmp_path):
     paths = write_report(folder).paths
     page, sentence = paths.html.read_text(), "Perturbed conditions with a difference: 1 of 2: noise@3 (+50.0 ["
     assert "Under perturbations, all tasks together" in page
-    for text in (page, paths.markdown.read_text(), *(FORMATS[form](open_run(folder).compare()) for form in FORMATS)):
+    for text in (
+        page,
+        paths.markdown.read_text(),
+        *(render(open_run(folder).compare(), form) for form in ("text", "markdown", "json")),
+    ):
         assert sentence in text
         assert "noise@1" in text or '"severity": 1' in text
     (one,) = summary_model().model_validate_json(paths.summary.read_text()).pairwise.comparisons
@@ -170,11 +171,11 @@ def test_perturbed_conditions_are_compared_in_every_file_and_format(tmp_path):
         ("noise", 3, 40),
     ]
     assert one.overall.pairs.trials == 80
-    assert "severities are not, since they share their seeds" in as_text(open_run(folder).compare("a", "b"))
+    assert "severities are not, since they share their seeds" in render(open_run(folder).compare("a", "b"))
 
 
 def test_a_clean_comparison_says_nothing_about_perturbations():
-    assert "erturb" not in as_text(two()) + as_markdown(two())
+    assert "erturb" not in render(two()) + render(two(), "markdown")
 
 
 def test_compare_of_a_clean_suite_chooses_the_baseline(tmp_path):
