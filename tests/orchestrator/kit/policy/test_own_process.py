@@ -1,7 +1,9 @@
 """What a policy that is checked gets in its own process: tokens of policy servers, limited time, no other secret."""
 
 import json
+import sys
 
+from robogauntlet.orchestrator.environments.source_path import import_path
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.kit.policy import check
 from robogauntlet.policies.contract import PolicyError
@@ -28,6 +30,14 @@ def test_a_policy_that_is_checked_has_the_tokens_of_policy_servers_and_no_other_
         POLICY_TOKEN: "one",
         f"{POLICY_TOKEN}_B": "two",
     }
+
+
+def test_a_policy_is_checked_in_the_environment_of_the_simulator(tmp_path, monkeypatch):
+    (tmp_path / "config.yaml").write_text(f"environments: {{'null': {{interpreter: {sys.executable}}}}}\n")
+    monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(tmp_path / "config.yaml"))
+    text = f"import os, sys\nif {str(import_path())!r} == os.environ['PYTHONPATH']:\n    os._exit(0)\n"
+    (finding,) = check_module(tmp_path, text)
+    assert finding.text == "the policy ended its process"
 
 
 def test_a_process_that_has_forked_is_seen_to_end(tmp_path):
