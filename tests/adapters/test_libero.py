@@ -196,7 +196,7 @@ def test_leaving_out_shapes_outside_the_view_changes_no_pixel():
     subject = CheckedTask(SIMULATOR, DRAWER)
     results = CHECKS["culling"].run(subject)
     subject.close()
-    assert [str(result) for result in results] == ["culling: passed"]
+    assert [str(result) for result in results] == ["culling: ok"]
 
 
 def test_stepping_updates_no_observables(drawer):
