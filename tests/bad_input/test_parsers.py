@@ -248,6 +248,12 @@ def _forged(rows):
     return {partial(document_with, place, value): says for place, value, says in rows}
 
 
+def _another(place):
+    """What is said of a run document with another value at this place; a name with control characters is escaped."""
+    first = place.partition(":")[0]
+    return f"expected a run document of format 1, got another one ({first if first.isidentifier() else ''}"
+
+
 def _server(text):
     catalog.spec("openpi", {"address": "ws://127.0.0.1:1", **read_options([text])})
 
@@ -285,7 +291,7 @@ PARSERS = {
     "store's place": (partial(check_place, Path("new")), PLACES),
     "store": (_in_file(STORE, lambda path: Store.open(f"sqlite:///{STORE}", "run", create=False)), STORES),
     "run document": (_run, DOCUMENTS),
-    "field of a run document": (_run, _forged((*row, "expected a run document of format 1") for row in FIELDS)),
+    "field of a run document": (_run, _forged((*row, _another(row[0])) for row in FIELDS)),
     "checkpoint": (_checkpoint(CARD), dict.fromkeys((*NO_JSON, b"\xff"), "card.json")),
     "field of a checkpoint": (_checkpoint(CARD), _forged(CARDS)),
     "weights": (_checkpoint(WEIGHTS), HEADERS),
