@@ -67,7 +67,7 @@ def reported(trials, tmp_path_factory):
             rows += [rollout(simulation, policy, cell.episode(seed)) for seed in SEEDS]
             simulation.close()
     folder = run_folder(tmp_path_factory.mktemp("run"), document(len(SEEDS), plan, merging=ROLES), rows)
-    return write_report(folder).merging.routed[0].router
+    return write_report(folder).data["routing"][0].router
 
 
 def test_accuracy_calibration_and_detection_are_equal(trials, reported):
