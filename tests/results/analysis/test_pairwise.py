@@ -6,15 +6,7 @@ from hypothesis import strategies as st
 
 from robogauntlet.results.analysis import pairwise
 from robogauntlet.results.analysis.comparison import Difference, Run
-from robogauntlet.results.analysis.pairwise import (
-    ALL_PAIRS,
-    COLUMNS,
-    MOST_NAMED,
-    NotComparable,
-    PolicyRows,
-    compare_all,
-    compare_policies,
-)
+from robogauntlet.results.analysis.pairwise import COLUMNS, NotComparable, PolicyRows, compare_all, compare_policies
 from robogauntlet.results.run_document import Provenance, RunError, RunStatus
 from robogauntlet.results.statistics.multiplicity import holm
 from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar
@@ -178,7 +170,7 @@ def test_simulators_and_tasks_of_all_comparisons_are_adjusted_together_if_their_
 
 
 def test_many_policies_have_letters_instead_of_pairs():
-    names = [f"p{number}" for number in range(ALL_PAIRS + 1)]
+    names = [f"p{number}" for number in range(pairwise.ALL_PAIRS + 1)]
     found = compare_all(run(always, names))
     assert found.comparisons == ()
     assert [row.letters for row in found.standings] == ["a"] * len(names)
@@ -207,8 +199,8 @@ def test_pairs_without_a_common_episode_are_explained_up_to_a_number(monkeypatch
     monkeypatch.setattr(pairwise, "_why_none", lambda *sides: explained.append(sides) or really(*sides))
     played = run(lambda cell, seed: "success" if cell.policy == names[seed] else None, names, seeds=range(30))
     found = compare_all(played)
-    assert len(explained) == MOST_NAMED == len(found.not_compared) - 1
-    assert found.not_compared[-1] == f"{30 * 29 // 2 - MOST_NAMED} more pairs that share no episode"
+    assert len(explained) == pairwise.MOST_NAMED == len(found.not_compared) - 1
+    assert found.not_compared[-1] == f"{30 * 29 // 2 - pairwise.MOST_NAMED} more pairs that share no episode"
 
 
 def test_a_policy_that_a_suite_names_many_times_is_compared_once():

@@ -11,13 +11,7 @@ from robogauntlet.results.api import open_run
 from robogauntlet.results.report import summary_model, write_report
 from robogauntlet.results.report.comparison import as_json, render
 from robogauntlet.results.report.formatting import TextTable, aligned
-from robogauntlet.results.report.pairwise import (
-    overview_forest,
-    overview_table,
-    standings_table,
-    table,
-    task_forest,
-)
+from robogauntlet.results.report.pairwise import overview_forest, overview_table, standings_table, table, task_forest
 from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, columns_of, document, rows_where, run_folder
 
@@ -158,11 +152,8 @@ def test_perturbed_conditions_are_compared_in_every_file_and_format(tmp_path):
     paths = write_report(folder).paths
     page, sentence = paths.html.read_text(), "Perturbed conditions with a difference: 1 of 2: noise@3 (+50.0 ["
     assert "Under perturbations, all tasks together" in page
-    for text in (
-        page,
-        paths.markdown.read_text(),
-        *(render(open_run(folder).compare(), form) for form in ("text", "markdown", "json")),
-    ):
+    found = open_run(folder).compare()
+    for text in (page, paths.markdown.read_text(), *(render(found, form) for form in ("text", "markdown", "json"))):
         assert sentence in text
         assert "noise@1" in text or '"severity": 1' in text
     (one,) = summary_model().model_validate_json(paths.summary.read_text()).pairwise.comparisons
