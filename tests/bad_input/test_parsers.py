@@ -28,7 +28,6 @@ from tests.bad_input.refusals import SECRET, not_refused
 
 HUGE = 10**18
 RUN = "runs/monday/run.json"
-STORE = "runs/monday/episodes.sqlite"
 CARD = "experts/null-Reach/card.json"
 WEIGHTS = "experts/null-Reach/model.safetensors"
 INFO = "data/Reach/meta/info.json"
@@ -42,10 +41,7 @@ CONDITIONS = {
     "noise:2": "condition 'noise:2': expected noise@2",
     "noise=2": "condition 'noise=2': expected noise@2",
     "noise@1.001": "condition 'noise@1.001': expected a severity in hundredths, such as 1, got 1.001",
-    **{
-        f"noise@{severity}": f"condition 'noise@{severity}': expected clean, AXIS or AXIS@SEVERITY[,SEVERITY], such as"
-        for severity in ("x", "", "٣", "-1", "1e1", "9" * 20)
-    },
+    "noise@1e1": "condition 'noise@1e1': expected clean, AXIS or AXIS@SEVERITY[,SEVERITY], such as",
     "noise@2,2": "duplicate condition 'noise@2'",
     "@2": "condition '@2': expected clean, AXIS or AXIS@SEVERITY[,SEVERITY]",
 }
@@ -145,12 +141,6 @@ PLACES = dict.fromkeys(
     ),
     "a store outside of the run folder",
 )
-STORES = {
-    b"": "expected a store, this file is empty; restore it from a copy, or remove it",
-    b"x": "expected a store, this file is something else",
-    b"x" * 10_000: "expected a store, this file is something else",
-    b"SQLite format 3\0" + b"\0" * 5_000: "expected a store",
-}
 DOCUMENTS = {
     **dict.fromkeys((*NO_JSON, "\0"), "expected a run document of format 1"),
     b"\xff\xfe": "cannot be read: 'utf-8' codec can't decode byte 0xff",
@@ -289,7 +279,6 @@ PARSERS = {
     ),
     "store's URL": (lambda url: Store.open(url, "run"), URLS),
     "store's place": (partial(check_place, Path("new")), PLACES),
-    "store": (_in_file(STORE, lambda path: Store.open(f"sqlite:///{STORE}", "run", create=False)), STORES),
     "run document": (_run, DOCUMENTS),
     "field of a run document": (_run, _forged((*row, _another(row[0])) for row in FIELDS)),
     "checkpoint": (_checkpoint(CARD), dict.fromkeys((*NO_JSON, b"\xff"), "card.json")),
