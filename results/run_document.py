@@ -158,8 +158,9 @@ class RunArguments(_Model):
     """URL of the history (password hidden)."""
     retry_errors: bool = False
     media: bool | None = None
-    log: str | None = None
-    log_project: str | None = None
+    tracker: str | None = None
+    project: str | None = None
+    """Of the tracker."""
 
 
 class RunDocument(_Model):

@@ -44,8 +44,8 @@ def evaluate(
     options: Mapping[str, Any] | None = None,
     identity: str | None = None,
     media: bool | None = False,
-    log: str | None = None,
-    log_project: str = PROJECT,
+    tracker: str | None = None,
+    project: str = PROJECT,
     quiet: bool = False,
     **settings: Any,
 ) -> OpenRun:
@@ -76,8 +76,8 @@ def evaluate(
             as a new policy at each call, so that its run cannot be continued.
         media: Record videos after the episodes: all (True), none (False), or a failure of each policy and what fits
             into a fifth of the playing time (None).
-        log: An experiment tracker, `wandb` or `mlflow`, that receives progress, results and videos.
-        log_project: Project of W&B, experiment of MLflow.
+        tracker: An experiment tracker, `wandb` or `mlflow`, that receives progress, results and videos.
+        project: Project of W&B, experiment of MLflow.
         quiet: Print no progress.
         **settings: Further keys of a suite, such as `image_size=224` or `workers=2`.
 
@@ -92,7 +92,7 @@ def evaluate(
         raise BadInput(f"seeds: expected their number, such as {SEEDS}, got {seeds!r}")
     with ExitStack() as stack:
         display = ProgressDisplay(Console(quiet=quiet))
-        trackers = [] if log is None else [open_tracker(log, log_project, display.log)]
+        trackers = [] if tracker is None else [open_tracker(tracker, project, display.log)]
         served: ServedObject | None = None
         if isinstance(policy, str | Path):
             if identity is not None:

@@ -53,7 +53,7 @@ def resume(
         raise BadInput(f"{run}: expected a run of `robogauntlet run`; {other}")
     store = store or _kept(document.store_url, "store", run)
     history = history or _kept(given.history, "history", run)
-    tracker = None if given.log is None else open_tracker(given.log, given.log_project or PROJECT, print_line)
+    tracker = None if given.tracker is None else open_tracker(given.tracker, given.project or PROJECT, print_line)
     plan = make_plan(Path(document.suite_path), text=document.suite_text, part=_part(given), only=given.require)
     if media is not None:
         given = given.model_copy(update={"media": media})

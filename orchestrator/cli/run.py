@@ -89,16 +89,14 @@ def run(
         ),
     ] = None,
     history: HistoryUrl = None,
-    log: Annotated[
+    tracker: Annotated[
         str | None,
         typer.Option(
             metavar="[wandb|mlflow]",
             help="Send progress, results and videos to an experiment tracker while the run plays.",
         ),
     ] = None,
-    log_project: Annotated[
-        str, typer.Option("--log-project", help="With --log: project of W&B, experiment of MLflow.")
-    ] = PROJECT,
+    project: Annotated[str, typer.Option(help="With --tracker: project of W&B, experiment of MLflow.")] = PROJECT,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print a line for each episode.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but problems.")] = False,
 ) -> None:
@@ -109,7 +107,7 @@ def run(
     """
     out.quiet = quiet or out.quiet
     required = tuple(require or ())
-    tracker = None if log is None else open_tracker(log, log_project, print_line)
+    tracking = None if tracker is None else open_tracker(tracker, project, print_line)
     policy_options, part = read_options(option or ()), SuiteSelection()
     settings = suite_settings(success, image_size, replan_every, render_profile, workers)
     if suite is not None and _is_task(suite):
@@ -147,10 +145,10 @@ def run(
         history=None if history is None else without_password(history),
         retry_errors=retry_errors,
         media=media,
-        log=log,
-        log_project=None if log is None else log_project,
+        tracker=tracker,
+        project=None if tracker is None else project,
     )
-    play_plan(plan, folder, arguments, store=store, history=history, tracker=tracker, verbose=verbose)
+    play_plan(plan, folder, arguments, store=store, history=history, tracker=tracking, verbose=verbose)
 
 
 def _refuse_run_folder(suite: str) -> None:

@@ -20,4 +20,4 @@ def open_tracker(name: str, project: str = PROJECT, say: Callable[[str], None] =
         from robogauntlet.orchestrator.trackers.mlflow import MlflowTracker
 
         return MlflowTracker(project, say)
-    raise TrackerError(f"log: expected an experiment tracker, {' or '.join(TrackerName)}, got {name!r}")
+    raise TrackerError(f"tracker: expected an experiment tracker, {' or '.join(TrackerName)}, got {name!r}")

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import TypeAlias
 
@@ -77,6 +77,14 @@ class Code:
     """A file's text, on the page only."""
 
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command line to copy, on the page only, and what it does."""
+
+    text: str
+    command: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,11 +275,9 @@ class Charts:
 
 @dataclass(frozen=True, slots=True)
 class Videos:
-    """Videos with captions, on the page only."""
+    """Videos with captions, on the page only, which has each once: where it comes again, a link leads to it."""
 
     items: tuple[tuple[Video, str], ...]
-    linked: frozenset[str] = field(default_factory=frozenset)
-    """Episodes to whose video here others link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,6 +323,7 @@ Block: TypeAlias = (
     | Table
     | Facts
     | Code
+    | Command
     | Legend
     | Fold
     | Rates

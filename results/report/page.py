@@ -38,21 +38,31 @@ def terms_of(blocks: Iterable[Block]) -> dict[str, str]:
     return found
 
 
-def render_blocks(blocks: Iterable[Block], policies: Sequence[str] = ()) -> Markup:
-    """Return blocks as HTML; the place of a policy among `policies` says its colour and marker."""
+def render_blocks(blocks: Iterable[Block], policies: Sequence[str] = (), shown: set[str] | None = None) -> Markup:
+    """Return blocks as HTML; the place of a policy among `policies` says its colour and marker.
+
+    `shown` has the episodes whose video the page has already, and gets those of these blocks.
+    """
+    known = set() if shown is None else shown
+
+    def is_first(episode_id: str) -> bool:
+        was_known = episode_id in known
+        known.add(episode_id)
+        return not was_known
+
     series = {policy: place % SERIES for place, policy in enumerate(policies)}
 
     def draw(block: Block) -> Markup:
         return Markup(getattr(macros, type(block).__name__.lower())(block))
 
-    variables: dict[str, Any] = {"draw": draw, "series": series, "text": formatting}
+    variables: dict[str, Any] = {"draw": draw, "series": series, "text": formatting, "is_first": is_first}
     macros = report_templates().get_template("blocks.html.jinja").make_module(variables)
     return Markup("").join(map(draw, blocks))
 
 
 def render_page(report: Report, chapters: Sequence[Chapter]) -> str:
     """Return the page as HTML."""
-    document, policies = report.document, report.tables.policies
+    document, policies, shown = report.document, report.tables.policies, set[str]()
     return (
         report_templates()
         .get_template("report.html.jinja")
@@ -61,7 +71,7 @@ def render_page(report: Report, chapters: Sequence[Chapter]) -> str:
             status=facts.status_word(document),
             verdict=facts.verdict(document, report.tables),
             is_empty=not report.tables.total.done,
-            chapters=[(chapter, render_blocks(chapter.blocks, policies)) for chapter in chapters],
+            chapters=[(chapter, render_blocks(chapter.blocks, policies, shown)) for chapter in chapters],
             terms=terms_of(block for chapter in chapters for block in chapter.blocks),
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
             script=table_script(),

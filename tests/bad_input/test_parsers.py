@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from robogauntlet.orchestrator.demonstrations.variation import Variation
-from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster
-from robogauntlet.orchestrator.ray_runtime.session import ray_session
+from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
 from robogauntlet.orchestrator.runs.composition import compose_plan
 from robogauntlet.orchestrator.schedules.schedule import read_schedules
 from robogauntlet.policies import catalog
@@ -254,11 +253,6 @@ def _reference(text):
     catalog.digest(entry.kind, entry.options)
 
 
-def _connect(address):
-    with ray_session(address=address, workers=1):
-        pass
-
-
 _run = _in_file(RUN, read_run, "runs/monday")
 _checkpoint = partial(_in_file, parse=lambda folder: read_experts(["experts/null-Reach"]))
 _dataset = partial(_in_file, parse=lambda folder: open_datasets([Path("data/Reach")]))
@@ -272,7 +266,7 @@ PARSERS = {
     "schedules": (_in_file("schedules.yaml", read_schedules, "schedules.yaml"), SCHEDULES),
     "configuration": (_in_file("config.yaml", lambda path: load_config(Path("config.yaml"), ["null"])), CONFIGURATIONS),
     "address of a cluster": (
-        _connect,
+        check_address,
         dict.fromkeys(
             ("head", "head:port", "head:0", "head:99999", "ray://head:1", ":6379", "a:6379:1"), "expected HOST:PORT"
         ),

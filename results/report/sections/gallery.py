@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robogauntlet.results.record import Status
-from robogauntlet.results.report.blocks import Block, Card, Cards, Fold, Paragraph
+from robogauntlet.results.report.blocks import Block, Card, Cards, Command, Fold, Paragraph
 from robogauntlet.results.report.formatting import count, counted
 from robogauntlet.results.report.media import Video, task_picture
 from robogauntlet.results.report.section import Page, Section
@@ -19,19 +19,23 @@ def _blocks(_: None, page: Page) -> Iterator[Block]:
     document, media, cards = page.report.document, page.media, _cards(page)
     if not cards and not document.media_left_out:
         return
-    parts = [
-        "The third-person image of each task, and per policy the recorded success and failure with the lowest seeds. "
-        "A video shows its last frame until it is played. Policies that acted identically share one."
+    blocks: list[Block] = [
+        Paragraph(
+            "The third-person image of each task, and per policy the recorded success and failure with the lowest "
+            "seeds. A video shows its last frame until it is played. Policies that acted identically share one.",
+            is_of_plot=True,
+        )
     ]
     if document.media_left_out:
-        how = f"; to record all: {document.command} --media" if document.command else ""
-        parts.append(f"Not recorded: {count(document.media_left_out)}{how}.")
+        left_out = f"Not recorded: {count(document.media_left_out)}"
+        record = f"{document.command} --media"
+        blocks.append(Command(f"{left_out}; to record all", record) if document.command else Paragraph(f"{left_out}."))
     if media.left_out:
         kept = "to keep this file small: see media/videos in the run folder."
-        parts.append(f"{counted(media.left_out, 'video')} left out {kept}")
+        blocks.append(Paragraph(f"{counted(media.left_out, 'video')} left out {kept}", is_of_plot=True))
     shown = f"{counted(len(cards), 'task')}, {counted(len(media.representative), 'video')}"
     is_open = len(cards) + len(media.representative) <= LONG
-    yield Fold(shown, (Paragraph(" ".join(parts)), Cards(tuple(cards))), is_open)
+    yield Fold(shown, (*blocks, Cards(tuple(cards))), is_open, title="")
 
 
 def _cards(page: Page) -> list[Card]:

@@ -184,9 +184,7 @@ def _videos(axis: str, page: Page) -> Iterator[Block]:
     shown = sorted((one for one in page.media.new_failures if one.condition.axis == axis), key=lambda one: one.task)
     if not shown:
         return
-    in_gallery = {one.episode_id for one in page.media.representative}
-    linked = frozenset(one.episode_id for one in shown) - in_gallery
-    videos = Videos(tuple((one, _caption(one)) for one in shown), linked)
+    videos = Videos(tuple((one, _caption(one)) for one in shown))
     title = f"Recorded failures of episodes that succeed under the clean condition: {len(shown)}"
     yield Fold(title, (videos,))
 

@@ -46,9 +46,13 @@ def test_a_hostile_document_is_refused_in_one_line_and_leaves_nothing(run_comman
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_run_of_which_no_report_can_be_made_is_refused_and_leaves_nothing(run_command, exported, tmp_path):
-    roles = {"expert": "a", "oracle_routed": "b", "routed": ["c"]}
-    exported.write_bytes(exported_with("suite:merging", roles, exported.read_bytes()))
+def test_a_run_of_which_no_report_can_be_made_is_refused_and_leaves_nothing(
+    run_command, exported, tmp_path, monkeypatch
+):
+    def broken(folder):
+        raise ZeroDivisionError("of a section")
+
+    monkeypatch.setattr("robogauntlet.results.report.write_report", broken)
     line = run_command("import", exported).refusal
     assert "expected a run with a report, it cannot be made" in line
     assert [path.name for path in (tmp_path / "runs").iterdir() if path.is_dir()] == []

@@ -41,7 +41,7 @@ def test_the_report_says_when_the_policy_fails_with_a_video_of_it(played):
     videos = {path.stem for path in (played.folder / "media/videos").glob("*.mp4")}
     shown = {shared_by(row) for row in rows if row.episode_id in videos}
     assert any(shared_by(row) in shown and row.status == Status.FAILURE and "@" in row.axis for row in rows)
-    assert 'class="failure"' in page[page.index("Failure clusters") : page.index("Success rates")]
+    assert 'class="failure"' in page[page.index("Failure clusters") : page.index('id="rates"')]
 
 
 def test_the_run_is_opened_from_python(played):

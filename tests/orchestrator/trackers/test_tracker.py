@@ -187,15 +187,15 @@ def test_progress_is_sent_as_counts_pace_and_rates_of_each_policy_and_condition(
 
 def test_a_tracker_that_does_not_exist_is_refused():
     with pytest.raises(TrackerError, match="expected an experiment tracker, wandb or mlflow, got 'wandbb'"):
-        robogauntlet.evaluate("oracle", "null/Reach", log="wandbb")
+        robogauntlet.evaluate("oracle", "null/Reach", tracker="wandbb")
 
 
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("--log", "wandbb"), "log: expected an experiment tracker, wandb or mlflow, got 'wandbb'"),
-        (("--log", "wandb"), "W&B has no login; log in with `wandb login`, or write files with WANDB_MODE=offline"),
-        (("--log", "mlflow", "--log-project", "a/b"), "the project's name: expected at most 128 letters"),
+        (("--tracker", "wandbb"), "tracker: expected an experiment tracker, wandb or mlflow, got 'wandbb'"),
+        (("--tracker", "wandb"), "W&B has no login; log in with `wandb login`, or write files with WANDB_MODE=offline"),
+        (("--tracker", "mlflow", "--project", "a/b"), "the project's name: expected at most 128 letters"),
     ],
 )
 def test_a_mistake_is_one_line_before_anything_starts(run_command, tmp_path, arguments, line):
@@ -207,5 +207,5 @@ def test_a_mistake_is_one_line_before_anything_starts(run_command, tmp_path, arg
 
 def test_a_library_that_is_missing_is_one_line_before_anything_starts(run_command, monkeypatch):
     monkeypatch.setitem(sys.modules, "wandb", None)
-    done = run_command("run", "suite.yaml", "--log", "wandb")
+    done = run_command("run", "suite.yaml", "--tracker", "wandb")
     assert done.refusal == 'W&B is not installed; install it with: pip install "robogauntlet[wandb]"'
