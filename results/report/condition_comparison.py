@@ -15,7 +15,7 @@ from robogauntlet.results.analysis.condition_comparison import (
 )
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
-from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, points, rate, share
+from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, points, share
 from robogauntlet.results.report.robustness import known_rates, overall_curves
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.suites.axes import AXES
@@ -25,66 +25,53 @@ REACH = 0.5
 """Half the range of a forest plot, a difference of rates."""
 
 
-@dataclass(frozen=True, slots=True)
-class HeatCell:
-    """One policy at one level in one simulator."""
-
-    rate: Estimate
-    episodes: int
+Cell = tuple[Estimate, int]
+"""Success of a policy at a level in a simulator, and the number of episodes that count."""
 
 
 @dataclass(frozen=True, slots=True)
-class HeatRow:
-    """One level of one axis."""
-
-    axis: str
-    severity: int
-    cells: tuple[HeatCell | None, ...]
-    """One per column; None where no episode counts."""
-
-
-@dataclass(frozen=True, slots=True)
-class HeatMap:
+class PolicyMap:
     """One policy's success, levels by simulators."""
 
     policy: str
     columns: tuple[str, ...]
     """Simulators, then `all` if there are several."""
-    rows: tuple[HeatRow, ...]
+    rows: tuple[tuple[str, tuple[Cell | None, ...]], ...]
+    """Condition, and a cell per column; None where no episode counts."""
 
 
-def heat_maps(robustness: Robustness) -> tuple[HeatMap, ...]:
+def heat_maps(robustness: Robustness) -> tuple[PolicyMap, ...]:
     """A heat map per policy, the clean condition first."""
     policies = dict.fromkeys(curve.policy for curve in robustness.curves)
     return tuple(_heat_map(robustness, policy) for policy in policies)
 
 
-def heat_map_groups(robustness: Robustness, *, no_skill_baselines: bool) -> tuple[tuple[HeatMap, ...], ...]:
-    """Group the heat maps of no-skill baselines, or of other policies, by equal rows: a group is one table."""
-    groups: dict[tuple[tuple[str, int], ...], list[HeatMap]] = {}
+def heat_map_groups(robustness: Robustness, *, no_skill_baselines: bool) -> tuple[tuple[PolicyMap, ...], ...]:
+    """Group the heat maps of no-skill baselines, or of the others, by simulators and conditions: each is one table."""
+    groups: dict[tuple[tuple[str, ...], ...], list[PolicyMap]] = {}
     for found in heat_maps(robustness):
         if (found.policy in robustness.no_skill_baselines) is no_skill_baselines:
-            groups.setdefault(tuple((row.axis, row.severity) for row in found.rows), []).append(found)
+            groups.setdefault((found.columns, tuple(name for name, _ in found.rows)), []).append(found)
     return tuple(map(tuple, groups.values()))
 
 
-def _heat_map(robustness: Robustness, policy: str) -> HeatMap:
+def _heat_map(robustness: Robustness, policy: str) -> PolicyMap:
     of_policy = [curve for curve in robustness.curves if curve.policy == policy]
     places = sorted({curve.simulator for curve in of_policy}, key=lambda name: (name is None, name or ""))
-    rows: list[HeatRow] = []
+    rows: dict[str, tuple[Cell | None, ...]] = {}
     for axis in robustness.axes:
         curves = {curve.simulator: curve for curve in of_policy if curve.axis == axis}
         for level in sorted({int(level) for curve in curves.values() for level in curve.curve.levels}):
-            if level or not rows:
-                rows.append(HeatRow(axis, level, tuple(_heat_cell(curves.get(place), level) for place in places)))
-    return HeatMap(policy, tuple(place or "all" for place in places), tuple(rows))
+            cells = tuple(_cell(curves.get(place), level) for place in places)
+            rows.setdefault(condition_text(axis, level), cells)  # each axis has the clean level
+    return PolicyMap(policy, tuple(place or "all" for place in places), tuple(rows.items()))
 
 
-def _heat_cell(curve: PolicyCurve | None, level: int) -> HeatCell | None:
+def _cell(curve: PolicyCurve | None, level: int) -> Cell | None:
     if curve is None or level not in curve.curve.levels:
         return None
     place = curve.curve.levels.index(level)
-    return HeatCell(curve.curve.rates[place], curve.episodes[place]) if curve.episodes[place] else None
+    return (curve.curve.rates[place], curve.episodes[place]) if curve.episodes[place] else None
 
 
 def condition_text(axis: str, severity: int) -> str:
@@ -93,15 +80,6 @@ def condition_text(axis: str, severity: int) -> str:
         return CLEAN
     level = f": {AXES[axis].describe(severity)}" if axis in AXES and axis not in CONTROLS else ""
     return f"{Condition(axis, severity)}{level}"
-
-
-def heat_table(found: HeatMap) -> TextTable:
-    """A heat map as a table of rate, interval and number of episodes."""
-    lines = []
-    for row in found.rows:
-        cells = (f"{rate(cell.rate)}, {cell.episodes}" if cell else NOTHING for cell in row.cells)
-        lines.append((condition_text(row.axis, row.severity), *cells))
-    return TextTable(("condition", *found.columns), tuple(lines), 1)
 
 
 def loss_table(comparison: ConditionComparison) -> TextTable:

@@ -36,7 +36,7 @@ from robogauntlet.results.report.blocks import (
 )
 from robogauntlet.results.report.facts import DEFINITIONS
 from robogauntlet.results.report.findings import findings
-from robogauntlet.results.report.formatting import TextTable, percent, points, rate, short_task, span
+from robogauntlet.results.report.formatting import NOTHING, TextTable, percent, points, rate, short_task, span
 from robogauntlet.results.report.media import Video
 from robogauntlet.results.report.section import Page, Section, Source
 from robogauntlet.results.statistics.rates import Interval
@@ -70,30 +70,30 @@ def _maps(found: Robustness) -> Iterator[Block]:
         yield Fold(f"{', '.join(one.policy for one in maps)} (no-skill baselines)", (_heat_map(maps),), title="")
 
 
-def _heat_map(maps: tuple[compared.HeatMap, ...]) -> HeatMap:
+def _heat_map(maps: tuple[compared.PolicyMap, ...]) -> HeatMap:
     """Maps of policies with equal rows, side by side."""
-    names = ", ".join(one.policy for one in maps)
-    columns = tuple(name for one in maps for name in one.columns)
-    rows, lines = [], []
-    for same in zip(*(one.rows for one in maps), strict=True):
-        condition = compared.condition_text(same[0].axis, same[0].severity)
-        rows.append((condition, tuple(_heat_cell(cell) for row in same for cell in row.cells)))
-    for one in maps:
-        table = compared.heat_table(one)
-        lines += [(one.policy, *row) for row in table.rows]
-    simulators = maps[0].columns
-    table = TextTable(("policy", "condition", *simulators), tuple(lines), 2)
+    simulators, columns = maps[0].columns, tuple(name for one in maps for name in one.columns)
+    rows = tuple(
+        (same[0][0], tuple(_heat_cell(cell) for _, cells in same for cell in cells))
+        for same in zip(*(one.rows for one in maps), strict=True)
+    )
+    lines = tuple((one.policy, name, *map(_cell_text, cells)) for one in maps for name, cells in one.rows)
     groups = tuple((one.policy, len(one.columns), one.policy) for one in maps)
-    label = f"{names}: success under every condition in each simulator"
+    label = f"{', '.join(one.policy for one in maps)}: success under every condition in each simulator"
     title = "Success under all conditions, and numbers of episodes"
-    return HeatMap(label, "condition", columns, tuple(rows), groups, title, table, "heat-map")
+    table = TextTable(("policy", "condition", *simulators), lines, 2)
+    return HeatMap(label, "condition", columns, rows, groups, title, table, "heat-map")
 
 
-def _heat_cell(cell: compared.HeatCell | None) -> HeatCell:
+def _cell_text(cell: compared.Cell | None) -> str:
+    return NOTHING if cell is None else f"{rate(cell[0])}, {cell[1]}"
+
+
+def _heat_cell(cell: compared.Cell | None) -> HeatCell:
     if cell is None:
         return HeatCell(0.0, "no result", kind="nothing")
-    value = cell.rate.value
-    return HeatCell(value, percent(value), f"{span(cell.rate.interval)} n={cell.episodes}")
+    found, episodes = cell
+    return HeatCell(found.value, percent(found.value), f"{span(found.interval)} n={episodes}")
 
 
 def _all_axes(found: Robustness) -> Iterator[Block]:
