@@ -14,7 +14,6 @@ from typing import TypeAlias
 from robogauntlet.results.analysis.tables import Aggregate, ErrorGroup, Tally
 from robogauntlet.results.report.formatting import TextTable
 from robogauntlet.results.report.media import Strip, Video
-from robogauntlet.results.report.pairwise import Forest
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +135,45 @@ class RatePlot:
     table: TextTable | None = None
     figure: str = ""
     """Name of its file among the figures for papers, which other plots of the section share; empty: none."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForestRow:
+    """A difference on a forest plot; positions are percentages of the plot's width, from the left."""
+
+    name: str
+    value: str
+    """The difference and its interval, as text."""
+    low: float
+    at: float
+    high: float
+    is_pooled: bool
+    """Whether the row is of several tasks."""
+    is_shown: bool
+    """Whether the adjusted p-value is significant."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForestGroup:
+    """Rows under one heading."""
+
+    name: str
+    rows: tuple[ForestRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Forest:
+    """A forest plot of differences of success rates."""
+
+    title: str
+    note: str
+    ticks: tuple[str, ...]
+    """Five labels, evenly spaced from the left end to the right."""
+    margin: float | None
+    """Position of the non-inferiority margin."""
+    groups: tuple[ForestGroup, ...]
+    about: str = ""
+    """The policies of a plot of two."""
 
 
 @dataclass(frozen=True, slots=True)

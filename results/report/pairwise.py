@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from robogauntlet.results.analysis.comparison import PolicyComparison
 from robogauntlet.results.analysis.contrasts import Contrast
 from robogauntlet.results.analysis.leaderboard import MOST_POLICIES
 from robogauntlet.results.analysis.pairwise import ALL_PAIRS, PolicyComparisons
 from robogauntlet.results.report import formatting, paired_behaviour
+from robogauntlet.results.report.blocks import Forest, ForestGroup, ForestRow
 from robogauntlet.results.report.facts import DEFINITIONS, PAIRWISE_TERMS
 from robogauntlet.results.report.formatting import (
     NOTHING,
@@ -38,45 +39,6 @@ CLEAN_TITLE = "Outcomes of the pairs in which one or both failed"
 PERTURBED_TITLE = "Outcomes of the perturbed pairs in which one or both failed"
 REACHES = (0.1, 0.25, 0.5, 1.0)
 """Possible ends of the axis of a forest plot, a difference of rates."""
-
-
-@dataclass(frozen=True, slots=True)
-class ForestRow:
-    """A difference on a forest plot; positions are percentages of the plot's width, from the left."""
-
-    name: str
-    value: str
-    """The difference and its interval, as text."""
-    low: float
-    at: float
-    high: float
-    is_pooled: bool
-    """Whether the row is of several tasks."""
-    is_shown: bool
-    """Whether the adjusted p-value is significant."""
-
-
-@dataclass(frozen=True, slots=True)
-class ForestGroup:
-    """Rows under one heading."""
-
-    name: str
-    rows: tuple[ForestRow, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Forest:
-    """A forest plot of differences of success rates."""
-
-    title: str
-    note: str
-    ticks: tuple[str, ...]
-    """Five labels, evenly spaced from the left end to the right."""
-    margin: float | None
-    """Position of the non-inferiority margin."""
-    groups: tuple[ForestGroup, ...]
-    about: str = ""
-    """The policies of a plot of two."""
 
 
 def names(one: PolicyComparison) -> tuple[str, str]:
