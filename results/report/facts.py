@@ -110,7 +110,7 @@ DEFINITIONS = {
     OTHER: "A failure of a task that declares no goal, or of a kind that this version does not know.",
     "skipped": "The simulator cannot run on this machine; its episodes count as missing.",
 }
-"""Definition per term, shown where the term first appears."""
+"""Definition per term; the end of a report lists those that it uses."""
 PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "median difference", "letters")
 PROTOCOLS = {
     ProtocolName.ROBOGAUNTLET: "robogauntlet: images are upright",

@@ -105,7 +105,7 @@ def _tasks(patterns: Iterable[str]) -> list[Row]:
     for simulator in simulators.simulators().values():
         if simulator.internal:
             continue
-        environment = environments.resolve(simulator)  # Its files say what policies are told.
+        environment = environments.resolve(simulator)  # Its files have the instructions.
         shared: Row = {"simulator": simulator.title, "installed": not environments.missing_reason(simulator)}
         with looking_in(() if environment is None else environment.site_packages):
             for name, task in simulator.tasks.items():

@@ -1,4 +1,4 @@
-"""The run at a glance: rates, the comparison, why episodes fail, what is amiss and what is not shown."""
+"""The run at a glance: rates, the comparison, why episodes fail, warnings, and what is not shown."""
 
 from __future__ import annotations
 

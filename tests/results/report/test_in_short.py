@@ -45,7 +45,7 @@ def test_it_has_the_two_most_frequent_reasons_with_a_video(tmp_path):
     assert page.count("<video") == 1
 
 
-def test_it_warns_of_what_is_amiss(tmp_path):
+def test_it_warns_of_missing_episodes_errors_and_few_episodes(tmp_path):
     plan = cells(("a",), TASKS)
     run = document(12, plan, status=RunStatus.INTERRUPTED, warnings=("frames are enlarged",))
     results = [*rows(plan[:1], 5), row(plan[1], 0, "error")]
