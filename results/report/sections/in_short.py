@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from robogauntlet.results.analysis.failures import OTHER
+from robogauntlet.results.analysis.failures import OTHER, KindCount, PolicyFailures
 from robogauntlet.results.record import FailureKind, Status
 from robogauntlet.results.report import pairwise as compared
 from robogauntlet.results.report.blocks import Block, Heading, RateGroup, RatePlot, Sentences, Videos
@@ -15,7 +15,7 @@ from robogauntlet.results.report.section import Page, Report, Section
 from robogauntlet.results.run_document import RunStatus
 
 FEW = 20
-"""Episodes of a policy below which its rate says little: the interval of 10 of 20 is 44 points wide."""
+"""Episodes of a policy below which its rate says little: the interval of 10 of 20 is 40 points wide."""
 MOST_COMPARISONS = 3
 MOST_FINDINGS = 3
 MOST_REASONS = 2
@@ -32,11 +32,10 @@ def _blocks(_: None, page: Page) -> Iterator[Block]:
         yield RatePlot(f"Success in all simulators{where}", (RateGroup("", rows),), table)
     if sentences := [*_comparisons(report), *report.data.get("findings", ())[:MOST_FINDINGS]]:
         yield Sentences(tuple(sentences))
-    reasons = _reasons(report)
-    if reasons:
-        yield Heading("Why episodes fail")
+    if reasons := _reasons(report):
+        yield Heading("Why episodes fail" + (", under all conditions" if where else ""))
         yield Sentences(tuple(_reason(*reason) for reason in reasons))
-        videos = [video for reason in reasons if (video := _video(page, reason[1], reason[2], reason[3])) is not None]
+        videos = [video for reason in reasons if (video := _video(page, *reason)) is not None]
         if videos:
             yield Videos(tuple((video, _caption(video)) for video in videos))
     if warnings := [*_warnings(report)]:
@@ -57,28 +56,22 @@ def _comparisons(report: Report) -> Iterator[str]:
         yield f"{counted(more, 'more comparison')} below."
 
 
-def _reasons(report: Report) -> list[tuple[int, str, str, str, int]]:
-    """Numbers of failures, policy, simulator and kind of the most frequent reasons, with all failures there."""
+def _reasons(report: Report) -> list[tuple[PolicyFailures, KindCount]]:
+    """The most frequent kinds of failures, each of a policy in a simulator."""
     found = report.data.get("failures")
-    if found is None:
-        return []
-    reasons = [
-        (kind.failures, one.policy, one.simulator, kind.kind, one.total.failures)
-        for one in found.policies
-        for kind in one.total.kinds
-        if kind.kind != OTHER
-    ]
-    return sorted(reasons, key=lambda reason: -reason[0])[:MOST_REASONS]
+    policies: Sequence[PolicyFailures] = () if found is None else found.policies
+    reasons = [(one, kind) for one in policies for kind in one.total.kinds if kind.kind != OTHER]
+    return sorted(reasons, key=lambda reason: -reason[1].failures)[:MOST_REASONS]
 
 
-def _reason(number: int, policy: str, simulator: str, kind: str, failures: int) -> str:
-    did = PHRASES[FailureKind(kind)]
-    return f"{policy} in {simulator}: in {number:,} of {counted(failures, 'failure')} the robot {did} ({kind})."
+def _reason(one: PolicyFailures, kind: KindCount) -> str:
+    number = f"{kind.failures:,} of {counted(one.total.failures, 'failure')}"
+    return f"{one.policy} in {one.simulator}: in {number} the robot {PHRASES[FailureKind(kind.kind)]} ({kind.kind})."
 
 
-def _video(page: Page, policy: str, simulator: str, kind: str) -> Video | None:
+def _video(page: Page, one: PolicyFailures, kind: KindCount) -> Video | None:
     for video in (*page.media.representative, *page.media.new_failures):
-        is_of = (video.policy, video.simulator, video.failure) == (policy, simulator, kind)
+        is_of = (video.policy, video.simulator, video.failure) == (one.policy, one.simulator, kind.kind)
         if is_of and video.status == Status.FAILURE and video.source is not None:
             return video
     return None

@@ -1,7 +1,9 @@
 """Each report begins with the run at a glance."""
 
 from robogauntlet.results.report import write_report
+from robogauntlet.results.report.sections.in_short import FEW
 from robogauntlet.results.run_document import RunStatus
+from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.suites.episode import Condition
 from tests.results.report.test_writing import save_video
 from tests.results.synthetic import cells, document, row, rows, rows_where, run_folder, with_behaviour
@@ -43,6 +45,11 @@ def test_it_has_the_two_most_frequent_reasons_with_a_video(tmp_path):
         "- a in maniskill: in 6 of 8 failures",
     ]
     assert page.count("<video") == 1
+
+
+def test_few_episodes_are_as_few_as_their_interval_says():
+    interval = wilson_interval(FEW // 2, FEW)
+    assert round(100 * (interval.high - interval.low)) == 40
 
 
 def test_it_warns_of_missing_episodes_errors_and_few_episodes(tmp_path):
