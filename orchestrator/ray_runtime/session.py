@@ -182,12 +182,18 @@ def _new_folder() -> SessionFolder:
 
 
 def _end_children(but: Collection[psutil.Process]) -> None:
-    """End the processes that Ray started before its start failed: Ray itself does so only when this process ends."""
-    started = [child for child in psutil.Process().children(recursive=True) if child not in but]
+    """End the processes that Ray started before its start failed: Ray itself does so only when this process ends.
+
+    Only this process's own children are waited for. The others are killed too, but it is up to the system when it
+    removes them: in a container the first process may take seconds, or never do so.
+    """
+    process = psutil.Process()
+    own, started = process.children(), process.children(recursive=True)
     for child in started:
-        with contextlib.suppress(psutil.NoSuchProcess):
-            child.kill()
-    psutil.wait_procs(started)
+        if child not in but:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                child.kill()
+    psutil.wait_procs([child for child in own if child not in but])
 
 
 def room_for_workers() -> int:

@@ -1,0 +1,25 @@
+"""What Ray started is ended when its start is interrupted, also where nobody reaps the processes of others."""
+
+import subprocess
+import sys
+
+STARTS = """
+import subprocess, sys, time
+from robogauntlet.orchestrator.ray_runtime import session
+child = subprocess.Popen([sys.executable, "-c", "import subprocess; subprocess.run(['sleep', '60'])"])
+while not (known := session.psutil.Process(child.pid).children()):
+    time.sleep(0.02)
+session._end_children(but=())
+gone = not known[0].is_running() or known[0].status() == "zombie"
+print(child.poll() is not None, gone)
+"""
+REAPS_NONE = f"""
+import ctypes, subprocess, sys
+ctypes.CDLL(None).prctl(36, 1)  # PR_SET_CHILD_SUBREAPER: orphans below become its children, which it leaves as zombies
+sys.exit(subprocess.run([sys.executable, "-c", {STARTS!r}], timeout=60).returncode)
+"""
+
+
+def test_an_orphan_that_nobody_reaps_does_not_hold_up_the_end():
+    done = subprocess.run([sys.executable, "-c", REAPS_NONE], capture_output=True, text=True, timeout=90, check=False)
+    assert done.stdout == "True True\n", done.stderr
