@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 14_710,
     "suites": 2_906,
     "src/robogauntlet": 980,
-    "tests": 47_315,
+    "tests": 47_316,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -6,13 +6,13 @@ import sys
 STARTS = """
 import subprocess, sys, time
 from robogauntlet.orchestrator.ray_runtime import session
-child = subprocess.Popen([sys.executable, "-c", "import subprocess; subprocess.run(['sleep', '60'])"])
-while not (known := session.psutil.Process(child.pid).children()):
-    time.sleep(0.02)
+below = "import subprocess; one = subprocess.Popen(['sleep', '60']); print(one.pid, flush=True); one.wait()"
+child = subprocess.Popen([sys.executable, "-c", below], stdout=subprocess.PIPE)
+orphan = session.psutil.Process(int(child.stdout.readline()))
 session._end_children(but=())
 ended = child.poll() is not None
 until = time.monotonic() + 30  # a kill of a process that is not waited for is done when the system comes to it
-while (left := known[0].is_running() and known[0].status() != "zombie") and time.monotonic() < until:
+while (left := orphan.is_running() and orphan.status() != "zombie") and time.monotonic() < until:
     time.sleep(0.02)
 print(ended, not left)
 """
