@@ -70,6 +70,8 @@ class Axis:
     unchanged: float | None = 0.0
     """The value in the clean episode, from which severities below 1 are interpolated. None for an axis whose levels are
     kinds or counts, which has whole severities only."""
+    ordered: bool = True
+    """Whether a higher severity is more of the same, as trends, areas and the severity of half the loss assume."""
 
     def value(self, severity: float) -> float:
         """Return the level of a severity above 0 and up to 5, in the axis' unit.
@@ -298,6 +300,7 @@ _ALL = (
         levels=(1.0, 2.0, 3.0, 4.0, 5.0),
         tolerance=0.0,
         unchanged=None,
+        ordered=False,
         summary="The instruction is paraphrased: 1 adds a filler, 2 uses synonyms, 3 changes the syntax, 4 refers to "
         "objects by kind or place, 5 adds an irrelevant clause.",
         references="types as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
@@ -345,14 +348,8 @@ AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
 """All axes by name, the controls last."""
 
 
-EXCLUSIVE = (
-    ("camera-bump", "camera-orbit", "both move the third-person camera, so neither value would be the delivered one"),
-    (
-        "camera-bump",
-        "camera-distance",
-        "both move the third-person camera, so neither value would be the delivered one",
-    ),
-)
+_ONE_CAMERA = "both move the third-person camera, so neither value would be the delivered one"
+EXCLUSIVE = (("camera-bump", "camera-orbit", _ONE_CAMERA), ("camera-bump", "camera-distance", _ONE_CAMERA))
 """Pairs of axes that do not combine, with the reason. Controls combine with nothing."""
 
 

@@ -32,17 +32,16 @@ def test_controls_have_no_scale_and_are_named_as_conditions_are():
         axes_of(Condition("blind", 2))
 
 
-def test_levels_are_described_with_their_unit():
+def test_levels_are_described_with_their_unit_and_types_of_rewording_are_no_scale():
+    assert [axis.name for axis in SCALES.values() if not axis.ordered] == ["instruction"]
     assert AXES["noise"].describe(4) == "18.4 dB PSNR"
     assert AXES["instruction"].describe(2) == "rewording type 2"
 
 
 def test_the_axes_of_a_condition_are_found_with_their_severities_and_clean_has_none():
     assert axes_of(Condition("blur", 2)) == {AXES["blur"]: 2}
-    assert axes_of(Condition.of(Perturbation("table", 1.5), Perturbation("blur", 2))) == {
-        AXES["blur"]: 2,
-        AXES["table"]: 1.5,
-    }
+    both = Condition.of(Perturbation("table", 1.5), Perturbation("blur", 2))
+    assert axes_of(both) == {AXES["blur"]: 2, AXES["table"]: 1.5}
     assert axes_of(Condition()) == {}
 
 
