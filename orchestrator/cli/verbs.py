@@ -88,7 +88,7 @@ VERBS: Verbs = {
     ),
     "export": (
         ".export:export",
-        "Write a run as a file, table or datasets, or send it to a tracker.",
+        "Write a run as a file or table, or send it to a tracker.",
     ),
     "import": (".import_run:import_run", "Create a run folder from an exported run."),
     "serve": (

@@ -117,18 +117,12 @@ class CollectionRequest:
 
 
 @dataclass
-class RecordingResult:
-    """The outcome of recording datasets."""
+class CollectionResult:
+    """The outcome of a collection."""
 
     status: RunStatus = RunStatus.COMPLETE
     warnings: list[str] = field(default_factory=list)
     """Messages for the user, a line each."""
-
-
-@dataclass
-class CollectionResult(RecordingResult):
-    """The outcome of a collection."""
-
     tasks: list[CollectionTask] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -237,7 +231,7 @@ def _play(
 
 
 @contextmanager
-def recording(result: RecordingResult, writers: Iterable[DatasetWriter]) -> Iterator[None]:
+def recording(result: CollectionResult, writers: Iterable[DatasetWriter]) -> Iterator[None]:
     """Flush the writers after the block. Note in the result if an interruption or a failure ended the block early."""
     try:
         try:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Observation, Simulation, StepOutcome
@@ -64,8 +62,8 @@ class TrajectoryRecorder(SimulationWrapper):
         """Number of steps in the record."""
         return max(0, len(self._actions) - self.first_step)
 
-    def recording(self, about: Mapping[str, str | int | float | bool] | None = None) -> Recording:
-        """The record since the last reset, of at least one step; for `about` see `Recording`."""
+    def recording(self) -> Recording:
+        """The record since the last reset, of at least one step."""
         first = self.first_step
         observations = self._observations[first:]
         return Recording(
@@ -76,6 +74,5 @@ class TrajectoryRecorder(SimulationWrapper):
             np.stack(self._actions[first:]),
             np.array(self._success[first:]),
             {camera: [each.images[camera] for each in observations] for camera in observations[0].images},
-            about or {},
             self.action_spec.body,
         )

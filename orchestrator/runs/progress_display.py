@@ -118,29 +118,24 @@ class ProgressDisplay(Display, Observer):
 
 
 class RecordingProgress(Display):
-    """A bar for replayed episodes and snapshots."""
+    """A bar for recorded episodes and snapshots."""
 
     def __init__(
         self,
         console: Console,
         count: int,
         *,
-        activity: str = "recording",
         end: float = math.inf,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(console, transient=True, now=now)
-        self._activity, self._end = activity, end
+        self._end = end
         self._count, self._done, self._began = count, 0, now()
 
     def __enter__(self) -> Self:
         super().__enter__()
         self._show("")
         return self
-
-    def advance(self) -> None:
-        """Count one more."""
-        self.show(self._done + 1)
 
     def show(self, done: int) -> None:
         """Show that this number, one or more, is done."""
@@ -153,5 +148,5 @@ class RecordingProgress(Display):
         text = f"{self._done}/{self._count}{left}"
         bar = ProgressBar(total=self._count, completed=self._done, width=30)
         table = Table.grid(padding=(0, 2))
-        table.add_row(f"[bold]{self._activity}", bar, text)
-        self.draw(lambda: table, lambda: [f"{self._activity}: {text}"])
+        table.add_row("[bold]recording", bar, text)
+        self.draw(lambda: table, lambda: [f"recording: {text}"])

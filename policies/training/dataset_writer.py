@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -50,7 +50,7 @@ STORAGE: Mapping[str, Any] = {"compression": "none", "use_dictionary": False, "w
 
 @dataclass(frozen=True)
 class Attempt:
-    """One played seed. Its episode is stored if the dataset keeps that status, otherwise only counted."""
+    """One played seed. Its episode is stored if it succeeded, otherwise only counted."""
 
     seed: int
     status: str
@@ -66,25 +66,16 @@ class DatasetWriter:
     is written last and lists what is committed; any other files were left by a killed process and are overwritten.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        source: Mapping[str, Any],
-        *,
-        keeps: Collection[str] = (SUCCESS_STATUS,),
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, folder: Path, source: Mapping[str, Any], *, now: Callable[[], float] = time.monotonic) -> None:
         """Create or continue a dataset.
 
         Args:
             folder: Folder of the dataset, created at the first commit. DatasetError if it holds something else.
             source: How the episodes are produced, as plain JSON. Must be the same to continue.
-            keeps: Statuses whose episodes are stored.
             now: Returns a time in s, with any origin.
         """
         self.folder = folder
         self.source = json.loads(json.dumps(source))
-        self._keeps = frozenset(keeps)
         self.attempts: list[Attempt] = []
         self.spec: DatasetSpec | None = None
         self._rows: list[dict[str, Any]] = []
@@ -113,10 +104,6 @@ class DatasetWriter:
     def content_hash(self) -> str | None:
         """Same as `Demonstrations.content_hash`, from the hashes of the recorded episodes; None without episodes."""
         return content_hash(sorted(row["content_hash"] for row in self._rows)) if self._rows else None
-
-    def about(self, name: str) -> list[Any]:
-        """Return the committed episodes' values of this name in `Recording.about`."""
-        return [row.get(name) for row in self._rows]
 
     def add(self, attempt: Attempt, episode: EncodedEpisode | None) -> None:
         """Add a played seed, with its episode if that is kept, to the pending ones."""
@@ -147,7 +134,7 @@ class DatasetWriter:
             DatasetError: The two do not match, or the episodes do not fit those already in the dataset.
             OSError: A file cannot be written; nothing is committed.
         """
-        expected = [attempt.seed for attempt in attempts if attempt.status in self._keeps]
+        expected = [attempt.seed for attempt in attempts if attempt.status == SUCCESS_STATUS]
         if expected != [episode.seed for episode in episodes]:
             raise DatasetError(f"expected episodes of the kept seeds {expected}, got {[e.seed for e in episodes]}")
         for episode in episodes:
@@ -259,7 +246,7 @@ class DatasetWriter:
 def _row(
     episode: EncodedEpisode, table: pa.Table, episode_index: int, first_index: int, chunk: int, file: int
 ) -> dict[str, Any]:
-    """Return an episode's row under `meta/episodes`. LeRobot's format has no `seed`, `content_hash` and `about`."""
+    """Return an episode's row under `meta/episodes`. LeRobot's format has no `seed` and `content_hash`."""
     plain = _without_images(table)
     statistics = {name: number_statistics(numbers(plain, name)) for name in plain.column_names}
     statistics |= {image_key(camera): dict(values) for camera, values in episode.image_statistics.items()}
@@ -275,7 +262,6 @@ def _row(
         "meta/episodes/file_index": 0,
         "seed": episode.seed,
         "content_hash": episode.content_hash,
-        **episode.about,
         **{f"stats/{key}/{name}": value for key, values in statistics.items() for name, value in values.items()},
     }
 

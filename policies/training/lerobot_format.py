@@ -57,8 +57,6 @@ class Recording:
     """The task's predicate after the step, shape (n,)."""
     images: Mapping[str, Sequence[Image]]
     """Camera name to n images (size, size, 3)."""
-    about: Mapping[str, str | int | float | bool] = field(default_factory=dict)
-    """Additional columns of the episode's row under `meta/episodes`."""
     body: Body = field(default_factory=Body)
     """What acts."""
 
@@ -92,8 +90,6 @@ class EncodedEpisode:
     """Camera name to minimum, maximum, mean and standard deviation of each channel in [0, 1], shape (3, 1, 1)."""
     content_hash: str
     """See `episode_hash`."""
-    about: Mapping[str, str | int | float | bool] = field(default_factory=dict)
-    """See `Recording`."""
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -161,7 +157,6 @@ def encode_episode(recording: Recording) -> EncodedEpisode:
         {camera: tuple(map(encode_png, frames)) for camera, frames in stacked.items()},
         {camera: _image_statistics(frames) for camera, frames in stacked.items()},
         episode_hash(recording.instruction, fps, states, actions, success, stacked),
-        recording.about,
     )
 
 

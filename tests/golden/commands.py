@@ -39,7 +39,6 @@ def commands(suite: Path, name: str, policies: Sequence[str]) -> list[str]:
         f"plan {suite} --out {RUN} --detect 20 --width 10 --json",
         f"list episodes {RUN} --policy {first} --status failure --status error",
         f"list episodes {RUN} --seed 1 --json",
-        *(f"export {RUN} --format {form} --policy {first} --out {form}.json" for form in ("vla-eval", "lerobot")),
         f"export {RUN} --format csv --out rows.csv",
     ]
 

@@ -13,7 +13,6 @@ from robogauntlet.orchestrator.demonstrations.collect import (
     NOISE,
     CollectionRequest,
     CollectionResult,
-    RecordingResult,
     collect,
     folder_size,
     resolve,
@@ -98,15 +97,10 @@ def _conclude(collected: CollectionResult, folder: Path) -> None:
     out.print(table)
     kept = sum(task.writer.episodes for task in collected.tasks)
     print_line(f"{counted(kept, 'episode')} in {folder} after {format_duration(collected.seconds)}")
-    conclude_recording(collected)
-
-
-def conclude_recording(result: RecordingResult) -> None:
-    """Print the warnings about recorded datasets; exit if the recording was interrupted or stopped early."""
-    for warning in result.warnings:
+    for warning in collected.warnings:
         fail(warning)
-    if result.status is RunStatus.INTERRUPTED:
+    if collected.status is RunStatus.INTERRUPTED:
         fail("interrupted; give the same command to continue")
         raise typer.Exit(EXIT_INTERRUPTED)
-    if result.status is RunStatus.STOPPED:
+    if collected.status is RunStatus.STOPPED:
         raise typer.Exit(EXIT_STOPPED)

@@ -42,7 +42,6 @@ def popen(marker):
 VERBS = {
     "verify": ("replay", "--verify", "FOLDER", "--sample", "1"),
     "replay": ("replay", "--run", "FOLDER", "--policy", "evil", "--task", "null/Reach", "--seed", "0"),
-    "export": ("export", "FOLDER", "--format", "lerobot-dataset", "--status", "success"),
 }
 
 
@@ -86,7 +85,6 @@ REFUSED = {
     "replay": (("replay", "--run", IMPORTED, *VERBS["replay"][3:], "--suite", "small.yaml"), "played again"),
     "verify": (("replay", "--verify", IMPORTED, "--suite", "small.yaml"), "verified"),
     "verify of rows": (("replay", "--verify", IMPORTED, "--sample", "0"), "verified"),
-    "export": (("export", IMPORTED, *VERBS["export"][2:], "--suite", "small.yaml"), "played again"),
     "gate": (("compare", "--gate", "theirs", IMPORTED), "a baseline"),
 }
 

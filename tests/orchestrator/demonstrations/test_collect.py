@@ -15,8 +15,8 @@ from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED
 from robogauntlet.orchestrator.demonstrations import collect as demonstrate
 from robogauntlet.orchestrator.demonstrations.collect import (
     CollectionRequest,
+    CollectionResult,
     DemonstrateError,
-    RecordingResult,
     collect,
     dataset_name,
     recording,
@@ -248,7 +248,7 @@ def test_ctrl_c_while_one_dataset_is_committed_commits_the_others_too(tmp_path, 
         episode = synthetic.recording()
         writer.add(synthetic.won(episode), encode_episode(episode))
     monkeypatch.setattr(writers[0], "commit", interrupted(writers[0].commit))
-    result = RecordingResult()
+    result = CollectionResult()
     with recording(result, writers):
         pass
     assert result.status is RunStatus.INTERRUPTED

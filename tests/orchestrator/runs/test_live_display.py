@@ -45,8 +45,8 @@ def test_a_recording_shows_the_time_until_all_is_recorded_or_says_when_it_stops_
     output, clock = StringIO(), [0.0]
     console = Console(file=output, width=80)
     with RecordingProgress(console, 10, end=60.0, now=lambda: clock[0]) as progress:
-        for clock[0] in (10.0, 20.0, 59.0):
-            progress.advance()
+        for done, clock[0] in enumerate((10.0, 20.0, 59.0), 1):
+            progress.show(done)
     assert output.getvalue().splitlines() == [
         "recording: 1/10  stops in 50 s",
         "recording: 2/10  stops in 40 s",
@@ -58,7 +58,7 @@ def test_a_recording_that_has_time_for_all_shows_the_time_left():
     output, clock = StringIO(), [0.0]
     with RecordingProgress(Console(file=output, width=80), 5, now=lambda: clock[0]) as progress:
         clock[0] = 10.0
-        progress.advance()
+        progress.show(1)
     assert output.getvalue().splitlines() == ["recording: 1/5  40 s left"]
 
 
