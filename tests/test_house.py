@@ -53,10 +53,10 @@ BUDGETS = {
     "adapters": 8_690,
     "policies": 6_421,
     "mergevla": 8_880,
-    "results": 14_581,
+    "results": 14_445,
     "suites": 2_906,
     "src/robogauntlet": 980,
-    "tests": 47_108,
+    "tests": 47_060,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

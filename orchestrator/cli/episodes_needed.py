@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +18,9 @@ from robogauntlet.results.api import open_run
 from robogauntlet.results.run_document import RUN_FILE
 from robogauntlet.suites.registry import stored_states
 from robogauntlet.support.errors import BadInput
+
+if TYPE_CHECKING:
+    from robogauntlet.results.analysis.episodes_needed import SeedsNeeded
 
 LEAST, MOST = 0.01, 99.99
 """Percentage points that can be asked for."""
@@ -95,8 +98,8 @@ class Asked:
         return self.width is not None or self.detect is not None
 
 
-def answer(plan: Plan, asked: Asked, folder: Path | None, store: str | None) -> dict[str, Any]:
-    """Compute the seeds that a suite needs: `seeds_needed`, and `adaptive` or None.
+def answer(plan: Plan, asked: Asked, folder: Path | None, store: str | None) -> list[SeedsNeeded]:
+    """Compute the seeds that a suite needs, for each question.
 
     Args:
         plan: The suite.
@@ -122,7 +125,6 @@ def answer(plan: Plan, asked: Asked, folder: Path | None, store: str | None) -> 
         seeds=plan.suite.seeds.count,
         cells=tuple(key_of(cell) for cell in plan.cells),
         comparison=plan.suite.comparison,
-        adaptive=plan.suite.adaptive,
         most_seeds=_most_seeds(plan),
     )
     stored = needed.NOTHING
@@ -133,13 +135,12 @@ def answer(plan: Plan, asked: Asked, folder: Path | None, store: str | None) -> 
             )
         stored = needed.Stored.from_rows(open_run(folder, store).episodes(needed.COLUMNS))
         _check_stored(size, stored, asked, folder)
-    answers, adaptive = [], None
+    answers: list[SeedsNeeded] = []
     if asked.width is not None:
         answers += needed.seeds_for_width(size, asked.width, rate=asked.rate, stored=stored)
     if asked.detect is not None:
         answers += needed.seeds_for_difference(size, asked.detect, discordance=asked.discordance, stored=stored)
-        adaptive = needed.adaptive_seeds(size, asked.detect, discordance=asked.discordance, stored=stored)
-    return {"seeds_needed": answers, "adaptive": adaptive}
+    return answers
 
 
 def _most_seeds(plan: Plan) -> int | None:
@@ -158,14 +159,12 @@ def _check_stored(size: Any, stored: Any, asked: Asked, folder: Path) -> None:
         raise BadInput(f"{folder}: expected clean episodes of two policies, it has no pair; give --discordance")
 
 
-def print_answer(found: Mapping[str, Any], seeds: int) -> None:
-    """Print what `answer` found: a table, what was assumed, and when an adaptive suite decides."""
-    from robogauntlet.results.report.episodes_needed import adaptive_sentence, assumptions, seeds_table
+def print_answer(found: Sequence[SeedsNeeded], seeds: int) -> None:
+    """Print what `answer` found: a table, and what was assumed."""
+    from robogauntlet.results.report.episodes_needed import assumptions, seeds_table
 
     out.print()
-    out.print(rich_table(seeds_table(found["seeds_needed"], seeds), title="Seeds per task that are needed"))
+    out.print(rich_table(seeds_table(found, seeds), title="Seeds per task that are needed"))
     out.print()
-    for line in assumptions(found["seeds_needed"], seeds):
+    for line in assumptions(found, seeds):
         print_line(f"- {line}")
-    if found["adaptive"] is not None:
-        print_line(f"- {adaptive_sentence(found['adaptive'])}")

@@ -118,7 +118,7 @@ def plan(
         check_same(planned, document, out_folder)
         with closing(Store.open_begun(out_folder, document, store)) as opened:
             done = opened.outcomes()
-    needed = answer(planned, asked, out_folder, store) if asked else {}
+    needed = answer(planned, asked, out_folder, store) if asked else []
     missing = {cell: len(seeds) for cell, seeds in remaining_work(planned, done).work}
     rows = [
         {
@@ -139,7 +139,11 @@ def plan(
             "episodes": planned.episodes,
             "to_play": total,
         }
-        found |= needed | {"cells": rows, "skipped": planned.unavailable, "unchecked": planned.unchecked}
+        found |= ({"seeds_needed": needed} if asked else {}) | {
+            "cells": rows,
+            "skipped": planned.unavailable,
+            "unchecked": planned.unchecked,
+        }
         print_json(found | {"left_out": planned.left_out, "warnings": planned.warnings})
         return
     if not needed:

@@ -25,23 +25,18 @@ from robogauntlet.results.statistics.sample_size import (
     mcnemar_power,
     pairs_for_power,
     shrunk_share,
-    stopping_times,
     trials_for_half_width,
 )
-from robogauntlet.suites.schema import AdaptiveEntry, CompareEntry
+from robogauntlet.suites.schema import CompareEntry
 
 if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = ("policy_digest", "task", "axis", "severity", "seed", "status", "wall_s")
 """Fields of the record that are needed of stored episodes."""
-MOST_LOOKS = 2_000
-"""Number of evaluations of a sequential test that are simulated."""
 WIDTH, DIFFERENCE = "width", "difference"
 """Goals: an interval of a given width, a difference that is detected."""
 WORST_RATE = 0.5
-SEED = 0
-"""Of the generator of simulations."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +51,6 @@ class SuiteSize:
     cells: tuple[tuple[str, str, str, int], ...]
     """Policy digest, task, axis and severity of each cell."""
     comparison: CompareEntry | None = None
-    adaptive: AdaptiveEntry | None = None
     most_seeds: int | None = None
     """Seeds per task that start differently; None without a limit."""
 
@@ -113,25 +107,6 @@ class SeedsNeeded:
     """Whether the seeds of the suite are enough."""
     most_seeds: int | None = None
     """Seeds per task that there are, if there is a limit."""
-
-
-@dataclass(frozen=True, slots=True)
-class AdaptiveSeeds:
-    """What the sequential rule of an adaptive suite does with a condition in which two policies differ."""
-
-    difference: float
-    assumed: Assumed
-    alpha: float
-    max_seeds: int
-    pairs: float
-    """Mean number of pairs until the comparison is decided or `max_seeds` are played."""
-    seeds: float
-    """The same in seeds per task."""
-    power: float
-    """Probability of a decision within `max_seeds`."""
-    needed: int | None
-    """The `max_seeds` with which the comparison is decided with a probability of 0.8; None for more than simulated, or
-    than there are."""
 
 
 @dataclass(frozen=True)
@@ -226,40 +201,6 @@ def seeds_for_difference(
         reached = detectable_difference(now, assumed.share, alpha)
         found.append(_answer(size, stored, DIFFERENCE, target, tasks, assumed, alpha, pairs, reached, power))
     return found
-
-
-def adaptive_seeds(
-    size: SuiteSize, target: float, *, discordance: float | None = None, stored: Stored = NOTHING
-) -> AdaptiveSeeds | None:
-    """Simulate the rule of an adaptive suite, see `seeds_for_difference`; None if the suite is not adaptive.
-
-    A condition has one comparison, and the budget of the suite does not end before `max_seeds`. Of more than
-    `MOST_LOOKS` evaluations only as many, evenly spread, are simulated.
-    """
-    rule, tasks = size.adaptive, len(size.tasks)
-    if rule is None:
-        return None
-    assumed = _assumed_discordance(size, target, discordance, stored, tasks)
-    enough = 10 * pairs_for_power(assumed.share, target, rule.alpha, step=tasks) // tasks
-    looks = np.arange(rule.round, max(rule.max_seeds, enough) + rule.round, rule.round)
-    looks = np.append(looks, [size.seeds, rule.max_seeds])  # blocks of seeds end there, too
-    looks = np.unique(looks)
-    chosen = looks[np.unique(np.linspace(0, len(looks) - 1, MOST_LOOKS).astype(int))]
-    generator = np.random.default_rng(SEED)
-    times = stopping_times(assumed.share, target, (tasks * chosen).tolist(), rule.alpha, generator)
-    most, needed = tasks * rule.max_seeds, times.needed()
-    if needed is not None and size.most_seeds is not None and needed > tasks * size.most_seeds:
-        needed = None
-    return AdaptiveSeeds(
-        difference=target,
-        assumed=assumed,
-        alpha=rule.alpha,
-        max_seeds=rule.max_seeds,
-        pairs=times.mean(most),
-        seeds=times.mean(most) / tasks,
-        power=times.power(most),
-        needed=None if needed is None else needed // tasks,
-    )
 
 
 def _groups(size: SuiteSize) -> Sequence[int]:

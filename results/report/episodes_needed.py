@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robogauntlet.results.analysis.episodes_needed import WIDTH, AdaptiveSeeds, SeedsNeeded
+from robogauntlet.results.analysis.episodes_needed import WIDTH, SeedsNeeded
 from robogauntlet.results.report.formatting import NOTHING, TextTable, count, counted, percent, seconds
 from robogauntlet.results.statistics.multiplicity import ALPHA
 from robogauntlet.results.statistics.pairs import POWER
@@ -27,21 +27,6 @@ def seeds_table(answers: Sequence[SeedsNeeded], seeds: int) -> TextTable:
 def assumptions(answers: Sequence[SeedsNeeded], seeds: int) -> list[str]:
     """A sentence per question: what was assumed, where it is from, and how the answer is computed."""
     return [f"{_question(one)}: {_assumed(one)}; {_method(one, seeds)}{_too_few(one)}" for one in answers]
-
-
-def adaptive_sentence(found: AdaptiveSeeds) -> str:
-    """When the rule of an adaptive suite decides."""
-    needed = (
-        "more seeds than were simulated, or than the tasks have"
-        if found.needed is None
-        else f"max_seeds {found.needed:,}"
-    )
-    return (
-        f"adaptive: a condition with a difference of {_points(found.difference)} points and "
-        f"{_percent(found.assumed.share)} of pairs that disagree is decided after {found.pairs:,.0f} pairs on average "
-        f"({found.seeds:,.1f} seeds per task), within max_seeds ({found.max_seeds:,}) in {percent(found.power)} of "
-        f"the cases; for {100 * POWER:.0f} %, {needed} (simulated at alpha {found.alpha:g})"
-    )
 
 
 def _question(one: SeedsNeeded) -> str:

@@ -1,26 +1,21 @@
-"""How many trials an interval, a paired test or a sequential test needs."""
+"""How many trials an interval or a paired test needs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robogauntlet.results.statistics.multiplicity import ALPHA
 from robogauntlet.results.statistics.pairs import POWER
 from robogauntlet.results.statistics.rates import CONFIDENCE
-from robogauntlet.results.statistics.sequential import log_evidence
 
 MOST_EXACT = 100_000
 """Pairs up to which the power of McNemar's test is summed exactly; beyond, the normal approximation is off by less than
 a thousandth of them."""
 MOST_CHECKED = 1_000
 """Pairs up to which it is checked that a few more do not lack the power again."""
-DRAWS = 4_000
 
 
 def shrunk_share(successes: int, trials: int, confidence: float = CONFIDENCE) -> float:
@@ -162,63 +157,6 @@ def detectable_difference(
         reached = mcnemar_power(pairs, max(discordance, difference), difference, alpha) >= power
         below, enough = (below, middle) if reached else (middle, enough)
     return enough / 10_000
-
-
-@dataclass(frozen=True, eq=False)
-class StoppingTimes:
-    """After how many pairs the sequential test decided in simulated comparisons."""
-
-    pairs: NDArray[np.float64]
-    """Shape (draws,); infinite where it did not decide."""
-
-    def mean(self, most: int) -> float:
-        """The mean number of pairs played if at most `most` are played."""
-        return float(np.minimum(self.pairs, most).mean())
-
-    def power(self, most: int) -> float:
-        """The share that is decided within `most` pairs."""
-        return float((self.pairs <= most).mean())
-
-    def needed(self, power: float = POWER) -> int | None:
-        """The number of pairs within which a share `power` is decided; None if it is not reached."""
-        found = float(np.sort(self.pairs)[math.ceil(power * len(self.pairs)) - 1])
-        return int(found) if math.isfinite(found) else None
-
-
-def stopping_times(
-    discordance: float,
-    difference: float,
-    looks: Sequence[int],
-    alpha: float,
-    generator: np.random.Generator,
-    draws: int = DRAWS,
-) -> StoppingTimes:
-    """Simulate `sequential.is_decided` for pairs of which a share disagrees.
-
-    Args:
-        discordance: Share of pairs that disagree.
-        difference: True difference of the two rates, above 0.
-        looks: Numbers of pairs after which the evidence is evaluated, increasing.
-        alpha: The evidence decides at 1 / alpha.
-        generator: The same state gives the same times.
-        draws: Number of simulated comparisons. With 4,000, a share of 80 % has a standard error of 0.6 points.
-
-    Raises:
-        ValueError: See `mcnemar_power`.
-    """
-    _check(discordance, difference)
-    shares = [(discordance + difference) / 2, (discordance - difference) / 2, 1 - discordance]
-    stopped = np.full(draws, math.inf)
-    wins = np.zeros((draws, 3), dtype=np.int64)
-    before, open_ = 0, np.arange(draws)
-    for look in looks:
-        wins[open_] += generator.multinomial(look - before, shares, size=len(open_))
-        decided = log_evidence(wins[open_, 0], wins[open_, 1]) >= -math.log(alpha)
-        stopped[open_[decided]] = look
-        before, open_ = look, open_[~decided]
-        if not len(open_):
-            break
-    return StoppingTimes(stopped)
 
 
 def _z(confidence: float) -> float:

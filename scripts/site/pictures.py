@@ -14,7 +14,7 @@ import numpy as np
 from robogauntlet.results.statistics.multiplicity import ALPHA
 from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar, paired_difference
 from robogauntlet.results.statistics.rates import Interval, rate_bounds, wilson_interval
-from robogauntlet.results.statistics.sample_size import pairs_for_power, stopping_times, trials_for_half_width
+from robogauntlet.results.statistics.sample_size import pairs_for_power, trials_for_half_width
 from robogauntlet.results.statistics.sequential import log_evidence
 from scripts.site.concepts import CONCEPTS
 from scripts.site.drawing import DOCS, Axes, Drawing
@@ -31,8 +31,8 @@ RUNS, PAIRS, EVERY, SEED = 4000, 400, 10, 0
 MARGIN = 0.05
 RATES, WIDTHS = (50, 80, 95), (10, 5, 2.5)
 """Success rates, and half of the intervals' widths, in percent."""
-PLANNED, MOST_PAIRS = ((20, 5), (20, 10), (25, 15), (30, 20)), 2000
-"""Pairs that disagree and differences, in percent; pairs after which a sequential test ends."""
+PLANNED = ((20, 5), (20, 10), (25, 15), (30, 20))
+"""Pairs that disagree and differences, in percent."""
 CASES = (
     ("shown to be no worse", Pairs(1860, 30, 34, 76)),
     ("nothing is shown", Pairs(93, 2, 2, 3)),
@@ -74,16 +74,14 @@ def drops() -> list[tuple[int, float]]:
 
 
 def sample_sizes() -> dict[str, str]:
-    """Return the lines of the tables of how many episodes an interval, a comparison and a sequential test need."""
+    """Return the lines of the tables of how many episodes an interval and a comparison need."""
     lines = {}
     for rate in RATES:
         needed = [trials_for_half_width(rate / 100, width / 100) for width in WIDTHS]
         lines[f"interval at {rate}"] = f"| {rate} % | " + " | ".join(f"{count:,}" for count in needed) + " |"
-    looks = range(EVERY, MOST_PAIRS + 1, EVERY)
     for discordance, points in PLANNED:
         shares = discordance / 100, points / 100
-        times = stopping_times(*shares, looks, ALPHA, np.random.default_rng(SEED))
-        counts = f"{pairs_for_power(*shares)} | {times.mean(MOST_PAIRS):.0f} | {times.needed():,}"
+        counts = f"{pairs_for_power(*shares)}"
         lines[f"comparison at {discordance}, {points}"] = f"| {discordance} % | {points} points | {counts} |"
     return lines
 

@@ -14,11 +14,6 @@ policies: [oracle, random]
 tasks: [null/Reach, null/Slow]
 seeds: {count: 20}
 """
-ADAPTIVE = """
-conditions: [clean, noise@2]
-compare: {baseline: oracle, others: [random]}
-adaptive: {max_seeds: 200}
-"""
 
 
 @pytest.fixture
@@ -64,18 +59,10 @@ def test_a_run_says_what_to_assume_and_how_long_it_takes(run_command, suite, pil
     assert width["assumed"]["share"] == pytest.approx(0.774, abs=0.001)
     assert difference["assumed"]["source"] == "oracle and random, 8 of 40 stored pairs"
     assert difference["worker_s"] == pytest.approx(2.0 * difference["episodes"])
-    assert found["adaptive"] is None
     output = run_command("plan", suite, "--out", pilot, "--detect", 10).out
     assert "worker time" in output
     given = run_command("plan", suite, "--out", pilot, "--detect", 10, "--discordance", 20).out
     assert "20 % of pairs disagree (given)" in given
-
-
-def test_an_adaptive_suite_says_when_it_decides(run_command, suite):
-    suite.write_text(SUITE + ADAPTIVE)
-    output = run_command("plan", suite, "--detect", 10, "--discordance", 20).out
-    assert "is decided after 19" in output
-    assert "within max_seeds (200) in 9" in output
 
 
 def test_one_policy_has_an_interval_and_no_difference(run_command, suite, pilot, tmp_path):

@@ -7,13 +7,12 @@ from robogauntlet.results.analysis.episodes_needed import (
     COLUMNS,
     Stored,
     SuiteSize,
-    adaptive_seeds,
     seeds_for_difference,
     seeds_for_width,
 )
-from robogauntlet.results.report.episodes_needed import adaptive_sentence, assumptions, seeds_table
+from robogauntlet.results.report.episodes_needed import assumptions, seeds_table
 from robogauntlet.results.statistics.sample_size import pairs_for_power, trials_for_half_width
-from robogauntlet.suites.schema import AdaptiveEntry, CompareEntry
+from robogauntlet.suites.schema import CompareEntry
 from tests.results.synthetic import TASKS, cells, row
 
 POLICIES = ("a", "b", "c")
@@ -53,9 +52,6 @@ def test_no_more_seeds_are_proposed_than_there_are():
     assert (single.seeds, single.episodes, single.worker_s, single.is_enough) == (None, None, None, False)
     assert seeds_table([enough, single], 20).rows[1][1:3] == ("over 62", "–")
     assert assumptions([enough, single], 20)[1].endswith("; a task has only 62 stored states; add tasks")
-    rule = AdaptiveEntry(max_seeds=50, round=10)
-    assert adaptive_seeds(size(adaptive=rule), 0.02).needed > 50
-    assert adaptive_seeds(size(adaptive=rule, most_seeds=50), 0.02).needed is None
 
 
 def test_without_any_episode_the_worst_case_is_assumed():
@@ -123,21 +119,8 @@ def test_a_suite_with_one_task_has_one_answer():
     assert seeds_for_difference(one, 0.1)[0].alpha == pytest.approx(0.05 / 3)
 
 
-def test_the_rule_of_an_adaptive_suite_is_simulated():
-    rule = AdaptiveEntry(max_seeds=100, round=5)
-    found = adaptive_seeds(size(adaptive=rule), 0.1, discordance=0.2)
-    assert found == adaptive_seeds(size(adaptive=rule), 0.1, discordance=0.2)
-    assert found.pairs == pytest.approx(4 * found.seeds)
-    assert 168 < found.pairs < 200  # 168 if the evidence were evaluated after every pair
-    assert found.power > 0.9
-    assert 42 < found.needed < 100
-    assert adaptive_seeds(size(), 0.1) is None
-    many = adaptive_seeds(size(adaptive=AdaptiveEntry(max_seeds=1_000_000, round=1)), 0.01, discordance=0.2)
-    assert many.power == 1.0
-
-
 def test_the_text_names_question_answer_and_assumption():
-    asked = size(adaptive=AdaptiveEntry(max_seeds=100))
+    asked = size()
     answers = [*seeds_for_width(asked, 0.025, rate=0.8), *seeds_for_difference(asked, 0.1, discordance=0.2)]
     table = seeds_table(answers, 20)
     assert table.header == ("", "seeds", "episodes", "20 seeds give", "enough")
@@ -147,4 +130,3 @@ def test_the_text_names_question_answer_and_assumption():
     width, _, difference, _ = assumptions(answers, 20)
     assert width.endswith("assumed that 80 % succeed (given); half of Wilson's 95 % interval")
     assert "McNemar's exact test at 0.017 (0.05 for 3 tests together), power 80 %, with 20 seeds 26 %" in difference
-    assert "within max_seeds (100) in 9" in adaptive_sentence(adaptive_seeds(asked, 0.1, discordance=0.2))

@@ -1,4 +1,4 @@
-"""How many trials an interval, a paired test or a sequential test needs."""
+"""How many trials an interval or a paired test needs."""
 
 import math
 from itertools import pairwise
@@ -18,7 +18,6 @@ from robogauntlet.results.statistics.sample_size import (
     mcnemar_power,
     pairs_for_power,
     shrunk_share,
-    stopping_times,
     trials_for_half_width,
 )
 
@@ -120,27 +119,11 @@ def test_the_detectable_difference_is_the_smallest_with_the_power():
     assert detectable_difference(6, 0.2) is not None
 
 
-@pytest.mark.parametrize(("discordance", "difference", "mean"), [(0.2, 0.1, 168), (0.25, 0.15, 93), (0.3, 0.2, 61)])
-def test_the_sequential_test_stops_after_as_many_pairs_as_in_the_reference(discordance, difference, mean):
-    found = stopping_times(discordance, difference, range(1, 401), 0.05, np.random.default_rng(0))
-    assert found.mean(400) == pytest.approx(mean, abs=3)
-    assert found.power(found.needed()) >= 0.8 > found.power(found.needed() - 1)
-
-
-def test_fewer_evaluations_stop_later_and_the_same_generator_gives_the_same():
-    rounds = [stopping_times(0.2, 0.1, range(r, 401, r), 0.05, np.random.default_rng(0)) for r in (1, 10, 50)]
-    assert [one.mean(400) for one in rounds] == sorted(one.mean(400) for one in rounds)
-    again = stopping_times(0.2, 0.1, range(10, 401, 10), 0.05, np.random.default_rng(0))
-    assert (again.pairs == rounds[1].pairs).all()
-    assert stopping_times(0.2, 0.01, [10], 0.05, np.random.default_rng(0)).needed() is None
-
-
 @pytest.mark.parametrize(("discordance", "difference"), [(0.1, 0.2), (0.1, 0.0), (1.1, 0.2)])
 def test_impossible_shares_are_refused(discordance, difference):
     for call in (
         lambda: mcnemar_power(10, discordance, difference),
         lambda: pairs_for_power(discordance, difference),
-        lambda: stopping_times(discordance, difference, [1], 0.05, np.random.default_rng(0)),
     ):
         with pytest.raises(ValueError, match="expected 0 < difference <= discordance <= 1"):
             call()
