@@ -14,7 +14,6 @@ import typer
 from rich.console import Console
 
 from robogauntlet.adapters.contract import AdapterError
-from robogauntlet.orchestrator.cli.parameters import WHOLE
 from robogauntlet.orchestrator.runs.composition import RUNS
 from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.policies.contract import PolicyError
@@ -143,7 +142,7 @@ def suite_settings(
     workers: str | None,
 ) -> dict[str, Any]:
     """Return what is given of `SETTINGS`, as in a suite. Raises BadInput if `workers` is no number and not `auto`."""
-    count: int | str | None = int(workers) if workers is not None and WHOLE.fullmatch(workers) else workers
+    count: int | str | None = int(workers) if workers is not None and workers.isdecimal() else workers
     if (isinstance(count, int) and not 1 <= count <= MAX_WORKERS) or (isinstance(count, str) and count != "auto"):
         raise BadInput(f"--workers: expected auto, or a number from 1 to {MAX_WORKERS}, got '{workers}'")
     given = dict(zip(SETTINGS, (success, image_size, replan_every, render_profile, count), strict=True))
