@@ -301,7 +301,9 @@ class RunSession(Observer):
 
         plan, skipped, evaluated = self._plan, self._run.skipped, self._evaluated()
         snapshots = condition_snapshots(plan.cells, plan.suite.seeds.start)
-        in_clusters = cluster_failures(self._run.document, self._place.store.results)
+        report = self._run.report
+        found = None if report is None else report.data.get("combinations")
+        in_clusters = cluster_failures(found, self._place.store.results())
         pending = pending_media(self._place.folder, self._place.store.results, evaluated, snapshots, in_clusters)
         return [item for item in pending if item.simulator not in skipped]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass
 from itertools import combinations as pairs_of
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,8 @@ BINS = SEVERITIES + 1
 """Groups of severities: absent, above 0 and up to 1, ..., above 4 and up to 5."""
 LEAST_POINTS = 2
 """Points from which a rate is shown."""
+TOO_SMALL = "the differences between points are too small beside chance to be shared out among axes"
+"""Why there are no indices where Var f is not shown to be positive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,16 @@ class PairEffect:
     rates: tuple[tuple[float | None, ...], ...]
     """By group of severities of the first axis, then of the second; None without episodes."""
     episodes: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """An episode of a failure cluster."""
+
+    task: str
+    axis: str
+    severity: int
+    seed: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +90,8 @@ class PolicyCombinations:
     """Start states that they leave out, since they have no verdict at too many points."""
     clusters: tuple[Cluster, ...]
     """By lift."""
+    examples: tuple[Example, ...]
+    """For each cluster the mildest failure whose clean episode succeeded, if there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +115,8 @@ class Combinations:
     design: str | None
     """Kind of the design; None if the suite lists the combinations."""
     axes: tuple[str, ...]
+    highest: float
+    """The highest severity of an axis, to a tenth."""
     policies: tuple[PolicyCombinations, ...]
     agreement: tuple[IndexAgreement, ...]
 
@@ -110,11 +126,16 @@ def combined_conditions(document: RunDocument) -> tuple[Condition, ...]:
 
     Those of another version that cannot be read are left out.
     """
-    design = document.suite.design
-    if design is not None and design.kind != "one-at-a-time":
+    if (design := _design(document)) is not None:
         return design.conditions()
     listed = dict.fromkeys(cell.condition for cell in document.plan)
     return tuple(condition for condition in listed if condition.is_combination and _is_readable(condition))
+
+
+def _design(document: RunDocument) -> DesignEntry | None:
+    """The design of a run, if it combines axes."""
+    design = document.suite.design
+    return None if design is None or design.kind == "one-at-a-time" else design
 
 
 def _is_readable(condition: Condition) -> bool:
@@ -129,7 +150,8 @@ def build_combinations(document: RunDocument, frame: pd.DataFrame) -> Combinatio
     conditions = combined_conditions(document)
     if not any(condition.is_combination for condition in conditions):
         return None
-    axes = _axes(document.suite.design, conditions)
+    design = _design(document)
+    axes = _axes(design, conditions)
     eligible = select_eligible(document, frame)
     excluded = document.suite.reference_policies
     found = []
@@ -137,16 +159,14 @@ def build_combinations(document: RunDocument, frame: pd.DataFrame) -> Combinatio
         own = [cell for cell in document.plan if cell.policy == policy]
         for simulator in dict.fromkeys(cell.simulator for cell in own):
             cells = [cell for cell in own if cell.simulator == simulator]
-            found.append(_of_policy(policy, simulator, cells, axes, conditions, eligible, document.suite.design))
+            found.append(_of_policy(policy, simulator, cells, axes, conditions, eligible, design))
     policies = tuple(one for one in found if one is not None)
-    kind = (
-        document.suite.design.kind if document.suite.design and document.suite.design.kind != "one-at-a-time" else None
-    )
-    return Combinations(kind, axes, policies, tuple(_agreements(policies)))
+    highest = round(max(part.severity for condition in conditions for part in condition.perturbations), 1)
+    return Combinations(design.kind if design else None, axes, highest, policies, tuple(_agreements(policies)))
 
 
 def _axes(design: DesignEntry | None, conditions: Sequence[Condition]) -> tuple[str, ...]:
-    if design is not None and design.kind != "one-at-a-time":
+    if design is not None:
         return design.axes
     named = {part.axis for condition in conditions for part in condition.perturbations}
     return (*(axis for axis in AXES if axis in named), *sorted(named - set(AXES)))
@@ -180,7 +200,7 @@ def _of_policy(
     sensitivity, (points_out, states_out), reason = _sensitivity(played, axes, conditions, eligible, design)
     point = np.unique(severities, axis=0, return_inverse=True)[1].reshape(-1)
     clean = eligible.verdicts([cell for cell in cells if cell.axis == CLEAN])
-    clean_won = (clean["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
+    clean_won, place = (clean["status"] == str(Status.SUCCESS)).to_numpy(dtype=float), np.arange(len(clean))
     return PolicyCombinations(
         policy=policy,
         simulator=simulator,
@@ -188,9 +208,7 @@ def _of_policy(
         points=int(point.max()) + 1,
         episodes=len(won),
         success=clustered_rate(won, point, unit),
-        clean=clustered_rate(clean_won, np.zeros(len(clean_won), int), np.arange(len(clean_won)))
-        if len(clean_won)
-        else None,
+        clean=clustered_rate(clean_won, 0 * place, place) if len(place) else None,
         effects=tuple(AxisEffect(axis, _rates(severities[:, i], won, point, unit)) for i, axis in enumerate(axes)),
         pair=_pair(axes, severities, won, clusters, sensitivity),
         sensitivity=sensitivity,
@@ -198,7 +216,26 @@ def _of_policy(
         base_points_left_out=points_out,
         start_states_left_out=states_out,
         clusters=clusters,
+        examples=tuple(_examples(rows, severities, clean[clean_won > 0], clusters, axes)),
     )
+
+
+def _examples(
+    rows: pd.DataFrame,
+    severities: NDArray[np.float64],
+    solved: pd.DataFrame,
+    clusters: Sequence[Cluster],
+    axes: Sequence[str],
+) -> Iterator[Example]:
+    """The failure with the lowest sum of severities in each cluster; `solved` are the clean successes."""
+    numbered = rows.assign(total=severities.sum(axis=1), row=np.arange(len(rows)))
+    failures = numbered[rows["status"] == str(Status.FAILURE)].merge(solved[["task", "seed"]], on=["task", "seed"])
+    failures = failures.sort_values(["total", "seed", "task"])
+    levels = severities[failures["row"]]
+    for cluster in clusters:
+        inside = [levels[:, axes.index(one.axis)] >= one.threshold for one in cluster.conditions]
+        for one in failures[np.logical_and.reduce(inside)][:1].itertuples():
+            yield Example(str(one.task), str(one.axis), int(one.severity), int(one.seed))
 
 
 def _of_common_points(rows: pd.DataFrame, tasks: int) -> pd.DataFrame:
@@ -280,7 +317,7 @@ def _sensitivity(
         return None, (0, 0), "indices need two base points at which two start states have a verdict at every condition"
     found = sobol_indices(kept, axes)
     left_out = (len(outcomes[0]) - len(kept), len(outcomes) - kept.shape[2])
-    return found, left_out, "" if found.axes else "success is not shown to depend on the axes"
+    return found, left_out, "" if found.axes else TOO_SMALL
 
 
 def _largest_complete(outcomes: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | None:
@@ -310,52 +347,14 @@ def _agreements(policies: Sequence[PolicyCombinations]) -> list[IndexAgreement]:
     return found
 
 
-def cluster_failures(document: RunDocument, rows: Callable[[], Iterable[EpisodeResult]]) -> list[EpisodeResult]:
-    """Return for each failure cluster of a run the mildest failure in it whose clean episode succeeded.
-
-    `rows` returns a new iterator over the run's rows at every call.
-    """
-    import pandas as pd
-
-    if not any(condition.is_combination for condition in combined_conditions(document)):
-        return []
-    frame = pd.DataFrame([[getattr(row, name) for name in COLUMNS] for row in rows()], columns=list(COLUMNS))
-    found = build_combinations(document, frame)
-    if found is None:
-        return []
-    eligible = select_eligible(document, frame)
-    counting = eligible.verdicts(document.plan)
-    keys = ["policy_digest", "task", "axis", "severity", "seed"]
-    counts = set(
-        counting[keys].astype({"policy_digest": str, "task": str, "axis": str}).itertuples(index=False, name=None)
-    )
-    wanted, solved, failures = set(combined_conditions(document)), set(), []
-    for row in rows():
-        if (row.policy_digest, row.task, row.axis, row.severity, row.seed) not in counts:
-            continue
-        if row.axis == CLEAN and row.status == Status.SUCCESS:
-            solved.add((row.policy, row.task, row.seed))
-        elif row.status == Status.FAILURE and row.episode.condition in wanted:
-            failures.append(row)
-    chosen = []
-    for one in found.policies:
-        own = [
-            row
-            for row in failures
-            if (row.policy, row.simulator) == (one.policy, one.simulator) and (row.policy, row.task, row.seed) in solved
-        ]
-        for cluster in one.clusters:
-            inside = [row for row in own if is_inside(row.episode.condition, cluster)]
-            chosen += sorted(inside, key=lambda row: (severity_sum(row.episode.condition), row.seed, row.task))[:1]
-    return chosen
+def cluster_failures(found: Combinations | None, rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
+    """Return the rows of a run that are the examples of its failure clusters."""
+    policies = () if found is None else found.policies
+    wanted = {(one.policy, *astuple(example)) for one in policies for example in one.examples}
+    return [row for row in rows if (row.policy, row.task, row.axis, row.severity, row.seed) in wanted]
 
 
 def is_inside(condition: Condition, cluster: Cluster) -> bool:
     """Whether a condition is of a failure cluster."""
     by_axis = {part.axis: part.severity for part in condition.perturbations}
     return all(by_axis.get(one.axis, 0.0) >= one.threshold for one in cluster.conditions)
-
-
-def severity_sum(condition: Condition) -> float:
-    """Sum of the severities of a condition."""
-    return sum(part.severity for part in condition.perturbations)

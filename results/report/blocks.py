@@ -223,7 +223,6 @@ class Mark:
     wide: tuple[float, float] | None
     """Ends of the thin line: an interval that is corrected for the number of rows."""
     text: str
-    is_open: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +232,7 @@ class IntervalPlot:
     title: str
     policy: str
     label: str
-    rows: tuple[tuple[str, tuple[Mark, ...]], ...]
+    rows: tuple[tuple[str, Mark], ...]
     ticks: tuple[tuple[float, str], ...]
     x_label: str
     figure: str

@@ -97,10 +97,9 @@ DEFINITIONS = {
     "this task.",
     "delivered": "Mean measured strength of the perturbation, with minimum and maximum over episodes. Spread: range of "
     "the simulators' means relative to the requested value.",
-    "sensitivity index": "Share of the variance of the success rate that an axis causes by itself (first-order Sobol' "
-    "index), and with its interactions with other axes (total index). Noise of single episodes is not counted. "
-    "95 % intervals over points and seeds. Each is estimated by itself, so that interactions can exceed the total by "
-    "chance.",
+    "sensitivity index": "Share of the variance of the success rate in which an axis takes part, by itself or together "
+    "with others (total Sobol' index); the shares of axes that act together overlap. Noise of single episodes is not "
+    "counted. 95 % intervals over points and seeds.",
     "failure cluster": "Severities of one or two axes from which on a policy fails more often than elsewhere, and for "
     "two axes also more often than with one of them alone. Found on one half of the seeds and confirmed on the other, "
     "from which the rates are; p adjusted by Holm's method over all candidates. Lift: failure there divided by failure "

@@ -298,18 +298,14 @@ def _differences(forest: Forest) -> Figure:
 
 def _intervals(plot: IntervalPlot, series: dict[str, int]) -> Figure:
     """Estimates row by row; thin lines: intervals that are corrected for their number."""
-    figure, panels = new_figure(0.17 * sum(len(marks) for _, marks in plot.rows) + 0.75)
+    figure, panels = new_figure(0.17 * len(plot.rows) + 0.75)
     panel, place = panels[0, 0], series.get(plot.policy, 0)
-    for number, (_, marks) in enumerate(plot.rows):
-        for step, mark in enumerate(marks):
-            y = number + (step - (len(marks) - 1) / 2) / 3
-            for ends, width in ((mark.wide, 0.6), (mark.interval, 0.6 if mark.is_open else 1.6)):
-                if ends is not None:
-                    panel.hlines(y, *ends, colors=COLOURS[place], linewidth=width, zorder=3)
-            style = {"markerfacecolor": "white" if mark.is_open else COLOURS[place], "markersize": 3.5, "zorder": 4}
-            panel.plot(mark.at, y, MARKERS[place], color=COLOURS[place], clip_on=False, **style)
-            if len(marks) == 1:
-                panel.text(102, y, mark.text.partition(": ")[2], va="center", fontsize=6)
+    for y, (_, mark) in enumerate(plot.rows):
+        for ends, width in ((mark.wide, 0.6), (mark.interval, 1.6)):
+            if ends is not None:
+                panel.hlines(y, *ends, colors=COLOURS[place], linewidth=width, zorder=3)
+        panel.plot(mark.at, y, MARKERS[place], color=COLOURS[place], clip_on=False, markersize=3.5, zorder=4)
+        panel.text(102, y, mark.text.partition(": ")[2], va="center", fontsize=6)
     _set_rows(panel, [name for name, _ in plot.rows])
     panel.set_xticks(*zip(*plot.ticks, strict=True))
     panel.set_xlabel(plot.x_label)

@@ -1,9 +1,9 @@
-"""Sobol' indices: which share of a policy's variance in success each axis causes, alone and with the others.
+"""Sobol' total indices: the share of a policy's variance in success in which each axis takes part.
 
 An outcome y(x, s) depends on the levels x of the axes and on a seed s. The indices are those of f(x), the success rate
 at x, which is the mean of y over seeds:
 
-    first_i = Var E[f | x_i] / Var f,   total_i = E Var[f | all but x_i] / Var f
+    total_i = E Var[f | all but x_i] / Var f
 
 (I. M. Sobol', Mathematics and Computers in Simulation 55 (2001) 271-280; T. Homma and A. Saltelli, Reliability
 Engineering & System Safety 52 (1996) 1-17). A rollout shows y, not f. With y in place of f, the variance of a rollout
@@ -11,9 +11,13 @@ about its rate counts as variance of f and as an interaction of all axes. Here e
 of outcomes at two different seeds (a U-statistic over seeds: W. Hoeffding, Ann. Math. Statist. 19 (1948) 293-325). It
 has no such bias, also where seeds have effects of their own.
 
-SALib is not used. Its `sobol.analyze` (1.5) takes one output per point as the exact f and divides by the variance of
-outputs, noise included: first-order indices are too small, total ones too large, and intervals have no spread of seeds.
-With averages over seeds as outputs this bias is less, not none.
+First-order indices, of what an axis causes by itself, are not given. They compare two base points, A and B, and Sobol'
+points are so regular that the two depend on each other: where success breaks down at half of the range, intervals at 64
+base points missed the truth of axes without any effect far too often. A total index compares rows of one base point.
+
+Neither SALib nor `scipy.stats.sobol_indices` is used. They take one output per point as the exact f and divide by the
+variance of outputs, noise included: total indices are too large, and intervals have no spread of seeds. With averages
+over seeds as outputs this bias is less, not none.
 """
 
 from __future__ import annotations
@@ -31,20 +35,18 @@ if TYPE_CHECKING:
 STEPS = 500
 """Values between 0 and 1 that are tested for an interval, less one."""
 VARIANCE, NOISE = 0, 1
-"""Places of Var f and of the mean variance at a point among the moments; first and total orders follow."""
+"""Places of Var f and of the mean variance at a point among the moments; those of the axes follow."""
+LEAST_SEEDS = 10
+"""Seeds from which `explained` has an interval: with fewer, which shift success much, it is too short."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisSensitivity:
-    """Sobol' indices of one axis: shares of Var f, clipped to [0, 1]."""
+    """Sobol' index of one axis."""
 
     axis: str
-    first: Estimate
-    """Share that the axis causes by itself."""
     total: Estimate
-    """Share that it causes by itself and in interactions."""
-    interaction: Estimate
-    """Total less first: the share of all interactions in which it takes part."""
+    """Share of Var f that the axis causes by itself and in interactions, clipped to [0, 1]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,22 +65,20 @@ def sobol_indices(outcomes: NDArray[np.floating], axes: Sequence[str]) -> Sensit
     With K the covariance of two rows over base points, each product at two different seeds:
 
         Var f = mean of K(r, r) over all rows r
-        first_i Var f = K(B, A_B^(i))
         total_i Var f = (K(A, A) + K(A_B^(i), A_B^(i))) / 2 - K(A, A_B^(i))
 
-    the second as A. Janon et al., ESAIM: Probability and Statistics 18 (2014) 342-364, the third as M. J. W. Jansen,
-    Computer Physics Communications 117 (1999) 35-43. An index is a ratio of two moments. Its interval has the values r
-    for which numerator - r denominator does not differ from 0 by a t test (E. C. Fieller, J. R. Statist. Soc. B 16
-    (1954) 175-185), which stays valid where Var f is barely known. The variance of that difference is the sum of two:
+    the second as M. J. W. Jansen, Computer Physics Communications 117 (1999) 35-43. An index is a ratio of two moments.
+    Its interval has the values r for which numerator - r denominator does not differ from 0 by a t test (E. C. Fieller,
+    J. R. Statist. Soc. B 16 (1954) 175-185), which stays valid where Var f is barely known. The variance of that
+    difference is the sum of two:
 
     - that of its mean over base points with the seeds fixed, which includes the noise of rollouts. It takes base points
-      as independent; Sobol' points vary less, so that intervals are rather too wide;
+      as independent; of these moments Sobol' points vary less, so that intervals are rather too wide;
     - that of the jackknife over seeds (J. N. Arvesen, Ann. Math. Statist. 40 (1969) 2076-2100) less what the noise of
       rollouts adds to it, or 0 if that is more.
 
-    Degrees of freedom as F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110-114. `studies/intervals`
-    measures how often intervals contain the truth: those of `explained` too rarely, about nine
-    times in ten, where fewer than ten seeds shift success much.
+    Degrees of freedom as F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110-114. `studies/intervals` measures how
+    often intervals contain the truth.
 
     Args:
         outcomes: Shape (base points, axes + 2, seeds), in [0, 1], a success 1 and a failure 0. Rows of a base point as
@@ -87,7 +87,8 @@ def sobol_indices(outcomes: NDArray[np.floating], axes: Sequence[str]) -> Sensit
 
     Returns:
         The indices. With two seeds they have no interval, as the spread of seeds cannot be seen; Var f is then compared
-        with the spread of base points alone. An index whose parts are all alike has none either: they show no spread.
+        with the spread of base points alone. An index whose parts are all alike has none either: they show no spread;
+        nor has `explained` with fewer than `LEAST_SEEDS` seeds.
 
     Raises:
         ValueError: Another shape, fewer than two base points or seeds, or outcomes outside [0, 1] or missing.
@@ -98,17 +99,14 @@ def sobol_indices(outcomes: NDArray[np.floating], axes: Sequence[str]) -> Sensit
     if (values == values.flat[0]).all():
         return Sensitivity(None, None)
     moments = _Moments.of(_contributions(values))
-    unit = np.eye(2 + 2 * len(axes))
+    unit = np.eye(2 + len(axes))
     whole = unit[VARIANCE]
     everything = whole + unit[NOISE]
-    explained = moments.ratio(whole, everything) if everything @ moments.values > 0 else None
+    explained = moments.ratio(whole, everything, LEAST_SEEDS) if everything @ moments.values > 0 else None
     if not moments.is_positive(whole):
         return Sensitivity(None, explained)
-    found = []
-    for number, axis in enumerate(axes):
-        first, total = unit[2 + number], unit[2 + len(axes) + number]
-        found.append(AxisSensitivity(axis, *(moments.ratio(top, whole) for top in (first, total, total - first))))
-    return Sensitivity(tuple(found), explained)
+    totals = (moments.ratio(total, whole) for total in unit[2:])
+    return Sensitivity(tuple(map(AxisSensitivity, axes, totals)), explained)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,12 +158,12 @@ class _Moments:
         """Whether a sum of moments is shown to be positive, with an error of at most (1 - confidence) / 2."""
         return bool(weights @ self.values > self.spread(weights[None])[0])
 
-    def ratio(self, top: NDArray[np.float64], bottom: NDArray[np.float64]) -> Estimate:
+    def ratio(self, top: NDArray[np.float64], bottom: NDArray[np.float64], least_seeds: int = 3) -> Estimate:
         """A ratio of two sums of moments, known to lie in [0, 1]; no interval where the upper sum shows no spread."""
         import numpy as np
 
         value = float(np.clip((top @ self.values) / (bottom @ self.values), 0, 1))
-        if self.count[1] < 3 or self.spread(top[None])[0] == 0:
+        if self.count[1] < least_seeds or self.spread(top[None])[0] == 0:
             return Estimate(value, None)
         tested = np.linspace(0, 1, STEPS + 1)
         weights = top - tested[:, None] * bottom
@@ -177,7 +175,7 @@ class _Moments:
 
 
 def _contributions(outcomes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What each base point and seed adds to each moment, shape (2 + 2 axes, base points, seeds).
+    """What each base point and seed adds to each moment, shape (2 + axes, base points, seeds).
 
     Their mean over base points and seeds is the moment. That of a seed is its mean with all other seeds.
     """
@@ -186,21 +184,18 @@ def _contributions(outcomes: NDArray[np.float64]) -> NDArray[np.float64]:
     n, _, k = outcomes.shape
     # Centred by row and seed with divisor n - 1, means of products are covariances without bias.
     centred = (outcomes - outcomes.mean(axis=0)) * np.sqrt(n / (n - 1))
-    base, mixed, other = centred[:, :1], centred[:, 1:-1], centred[:, -1:]
-    step = mixed - base
-    first, total = _products(other, mixed), _products(step, step) / 2
+    step = centred[:, 1:-1] - centred[:, :1]
     rest = outcomes.sum(axis=2, keepdims=True) - outcomes
     rest_squares = (outcomes**2).sum(axis=2, keepdims=True) - outcomes**2
     noise = (outcomes**2 + (rest_squares - 2 * outcomes * rest) / (k - 1)) / 2
-    leading = np.stack([_products(centred, centred).mean(axis=1), noise.mean(axis=1)])
-    return np.concatenate([leading, first.swapaxes(0, 1), total.swapaxes(0, 1)])
+    leading = np.stack([_products(centred).mean(axis=1), noise.mean(axis=1)])
+    return np.concatenate([leading, _products(step).swapaxes(0, 1) / 2])
 
 
-def _products(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean product of an outcome at a seed with one at another seed, in both orders; seeds on the last axis."""
-    k = one.shape[-1]
-    rest, other_rest = (sides.sum(axis=-1, keepdims=True) - sides for sides in (one, other))
-    found: NDArray[np.float64] = (one * other_rest + other * rest) / (2 * (k - 1))
+def _products(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean product of a value at a seed with those at the other seeds; seeds on the last axis."""
+    rest = values.sum(axis=-1, keepdims=True) - values
+    found: NDArray[np.float64] = values * rest / (values.shape[-1] - 1)
     return found
 
 

@@ -13,17 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from robogauntlet.results.statistics.sensitivity import Sensitivity, sobol_indices
+from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.results.statistics.sensitivity import sobol_indices
 from robogauntlet.suites.designs import sobol_rows
 from studies.shared import table_of
 
 EXPERIMENTS = 1000
-SIZES = ((64, 4), (64, 10), (128, 6), (256, 4), (256, 10))
-"""Base points and seeds."""
+SIZES = ((64, 4), (64, 10), (128, 6), (256, 4))
+"""Base points and seeds; the first are those of the suite `why`."""
 SEED = 20261125
 NODES = 16
 """Of a quadrature, for each axis."""
-PARTS = ("first", "total", "interaction")
+LEAST = 1e-6
+"""Smaller indices are 0."""
 Array = NDArray[np.float64]
 
 
@@ -69,7 +71,16 @@ def logit(levels: Array) -> Array:
     return found
 
 
+def broken(levels: Array, least: int, of: int) -> Array:
+    """Success breaks down where at least so many of the first axes are beyond half of their range."""
+    found: Array = np.where((levels[..., :of] > 0.5).sum(axis=-1) >= least, 0.1, 0.95)
+    return found
+
+
 RESPONSES = {
+    "breaks at half of either of two axes, of five": Response(5, lambda levels: broken(levels, 1, 2)),
+    "breaks at half of both of two axes, of five": Response(5, lambda levels: broken(levels, 2, 2)),
+    "breaks at half of two of three axes, of five": Response(5, lambda levels: broken(levels, 2, 3)),
     "Ishigami": Response(3, ishigami),
     "logistic": Response(4, lambda levels: expit(logit(levels))),
     "logistic, seeds shift it": Response(4, logit, seed_spread=1.0),
@@ -77,75 +88,68 @@ RESPONSES = {
 
 
 def measure() -> list[dict[str, object]]:
-    """Coverage where there are indices: the mean over axes and the lowest; mean widths; share without indices."""
+    """Coverage where there are indices: the mean over axes and the lowest; share of designs without indices."""
     rows: list[dict[str, object]] = []
     for (name, response), (points, seeds) in product(RESPONSES.items(), SIZES):
         rows.append({"response": name, "points": points, "seeds": seeds, **_row(response, points, seeds)})
-        print(f"{name}, {points} points, {seeds} seeds: lowest {rows[-1]['lowest']:.1%}", flush=True)
-    shown = {part: "{" + part.replace(" ", "_") + ":.1%}" for part in (*PARTS, "explained")}
-    header = {"response": "{response}", "base points": "{points}", "seeds": "{seeds}"}
-    table_of(rows, {**header, **shown, "lowest of an axis": "{lowest:.1%} ({at})", "not shown": "{undefined:.1%}"})
+        print(f"{name}, {points} points, {seeds} seeds: lowest {rows[-1]['lowest']}", flush=True)
+    shown = {"total": "{total}", "lowest of an axis": "{lowest}", "axes without effect": "{null}"}
+    shown |= {"one of these shown": "{null_shown}", "explained": "{explained}", "no index": "{undefined:.1%}"}
+    table_of(rows, {"response": "{response}", "base points": "{points}", "seeds": "{seeds}", **shown})
     return rows
 
 
 def _row(response: Response, points: int, seeds: int) -> dict[str, object]:
-    true = truth(response)
+    totals, explained = truth(response)
     generator = np.random.default_rng([SEED, points, seeds])
-    names = [str(number) for number in range(response.axes)]
-    inside: dict[str, list[bool]] = {key: [] for key in true}
-    widths: dict[str, list[float]] = {key: [] for key in true}
-    undefined = 0
+    inside, positive, of_explained = [], [], []
     for _ in range(EXPERIMENTS):
-        found = sobol_indices(response.outcomes(points, seeds, generator), names)
-        undefined += found.axes is None
-        for key, (low, high) in _intervals(found).items():
-            inside[key].append(low <= true[key] <= high)
-            widths[key].append(high - low)
-    covered = {key: float(np.mean(own)) for key, own in inside.items()}
-    lowest = min((key for key in covered if key != "explained"), key=lambda key: covered[key])
-    row: dict[str, object] = {"undefined": undefined / EXPERIMENTS, "lowest": covered[lowest], "at": lowest}
-    for part in (*PARTS, "explained"):
-        own = [key for key in true if key.startswith(part)]
-        row[part] = float(np.mean([covered[key] for key in own]))
-        row[f"{part} width"] = float(np.mean([np.mean(widths[key]) for key in own]))
-    return {**row, "covered": covered, "true": true}
+        found = sobol_indices(response.outcomes(points, seeds, generator), list(map(str, range(response.axes))))
+        if found.explained is not None and found.explained.interval is not None:
+            of_explained.append(_contains(found.explained, explained))
+        if found.axes is not None:
+            estimates = [axis.total for axis in found.axes]
+            inside.append([_contains(one, true) for one, true in zip(estimates, totals, strict=True)])
+            positive.append([one.interval is not None and one.interval.low > 0 for one in estimates])
+    null = np.array(totals) < LEAST
+    covered = np.mean(inside, axis=0)
+    return {
+        "total": f"{covered.mean():.1%}",
+        "lowest": f"{covered.min():.1%}",
+        "null": f"{covered[null].mean():.1%}" if null.any() else "",
+        "null_shown": f"{np.array(positive)[:, null].any(axis=1).mean():.1%}" if null.any() else "",
+        "explained": f"{np.mean(of_explained):.1%}" if of_explained else "",
+        "undefined": 1 - len(inside) / EXPERIMENTS,
+    }
 
 
-def _intervals(found: Sensitivity) -> dict[str, tuple[float, float]]:
-    estimates = {"explained": found.explained}
-    for axis in found.axes or ():
-        estimates |= {f"{part} {axis.axis}": getattr(axis, part) for part in PARTS}
-    ends = {key: estimate.interval for key, estimate in estimates.items() if estimate is not None}
-    return {key: (interval.low, interval.high) for key, interval in ends.items() if interval is not None}
+def _contains(estimate: Estimate, true: float) -> bool:
+    """Whether the interval has the true share; one without an interval shows no spread, and is 0."""
+    if estimate.interval is None:
+        return abs(estimate.value - true) < LEAST
+    return estimate.interval.low - LEAST <= true <= estimate.interval.high + LEAST
 
 
-def truth(response: Response) -> dict[str, float]:
-    """Indices of a response: for Ishigami by its formulae, otherwise by Gauss-Legendre quadrature."""
+def truth(response: Response) -> tuple[list[float], float]:
+    """Total indices, and Var f / Var y: for Ishigami by its formulae, otherwise by Gauss-Legendre quadrature."""
     if response.logit_or_rate is ishigami:
         wide = 1 + 0.1 * np.pi**4
         single, second, pair = 0.5 * (1 + 0.02 * np.pi**4) ** 2, 49 / 8, 0.08 * np.pi**8 / 225
-        own, all_of = [single, second, 0.0], [single + pair, second, pair]
         variance = single + second + pair
         mean, scaled = (3.5 + wide) / (7 + 2 * wide), variance / (7 + 2 * wide) ** 2
-        first, total = (np.array(values) / variance for values in (own, all_of))
+        totals = np.array([single + pair, second, pair]) / variance
     else:
         nodes, weights = np.polynomial.legendre.leggauss(NODES)
-        grid = np.stack(np.meshgrid(*[(nodes + 1) / 2] * response.axes, indexing="ij"), axis=-1)
-        rates, weights = response.rate(grid), weights / 2
+        rates = response.rate(np.stack(np.meshgrid(*[(nodes + 1) / 2] * response.axes, indexing="ij"), axis=-1))
 
-        def mean_over(values: Array, axes: list[int]) -> Array:
-            for axis in sorted(axes, reverse=True):
-                values = np.moveaxis(values, axis, -1) @ weights
+        def mean_over(values: Array, axes: range) -> Array:
+            for _ in axes:
+                values = values @ (weights / 2)
             return values
 
-        every = list(range(response.axes))
+        every = range(response.axes)
         mean = float(mean_over(rates, every))
         scaled = float(mean_over(rates**2, every)) - mean**2
-        others = [[other for other in every if other != axis] for axis in every]
-        first = np.array([weights @ (mean_over(rates, rest) - mean) ** 2 for rest in others]) / scaled
-        left = [mean_over(rates, [axis]) ** 2 for axis in every]
-        total = np.array([1 - (float(mean_over(part, every[:-1])) - mean**2) / scaled for part in left])
-    found = {"explained": scaled / (mean * (1 - mean))}
-    for axis, (one, whole) in enumerate(zip(first.tolist(), total.tolist(), strict=True)):
-        found |= {f"first {axis}": one, f"total {axis}": whole, f"interaction {axis}": whole - one}
-    return found
+        left = [np.moveaxis(rates, axis, -1) @ (weights / 2) for axis in every]
+        totals = np.array([1 - (float(mean_over(part**2, every[1:])) - mean**2) / scaled for part in left])
+    return totals.tolist(), scaled / (mean * (1 - mean))

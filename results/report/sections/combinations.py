@@ -9,7 +9,6 @@ from robogauntlet.results.analysis.combinations import (
     BINS,
     COLUMNS,
     Combinations,
-    IndexAgreement,
     PairEffect,
     PolicyCombinations,
     build_combinations,
@@ -38,16 +37,18 @@ from robogauntlet.results.report.section import Page, Section
 from robogauntlet.results.statistics.clusters import MOST_AXES, AxisCondition, Cluster
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.results.statistics.sensitivity import AxisSensitivity
-from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.axes import AXES, SEVERITIES
 
 GROUPS = ("absent", *(f"up to {highest}" for highest in range(1, BINS)))
 """Headings of the groups of severities; each begins where the one before it ends."""
 MOST_NAMED = 3
+FEW, MANY = 0.15, 0.95
+"""Shares of successes beyond which a design is saturated."""
 
 
-def sentences(found: PolicyCombinations, axes: Sequence[str]) -> tuple[str, str, str]:
-    """Return when a policy fails, why, and how sure that is, a sentence each."""
-    return _when(found, axes), _why(found), _how_sure(found)
+def sentences(one: PolicyCombinations, found: Combinations) -> tuple[str, ...]:
+    """Return when a policy fails, why, how sure that is, and whether another design would show more."""
+    return tuple(filter(None, (_when(one, found.axes), _why(one), _how_sure(one), _saturated(one, found))))
 
 
 def _when(found: PolicyCombinations, axes: Sequence[str]) -> str:
@@ -63,24 +64,34 @@ def _when(found: PolicyCombinations, axes: Sequence[str]) -> str:
 
 
 def _why(found: PolicyCombinations) -> str:
-    ranked = by_total(found)
-    if not ranked:
-        return f"Why: unknown, {found.why_no_sensitivity}."
-    parts = [f"{one.axis} {_share(one.total)} ({_share(one.first)} alone)" for one in ranked[:MOST_NAMED]]
-    return f"Why: of the differences in success that the axes cause, with their interactions, {_listed(parts)}."
+    shown = [one for one in by_total(found) if _is_shown(one)]
+    of_clusters = dict.fromkeys(condition.axis for cluster in found.clusters for condition in cluster.conditions)
+    others = [axis for axis in of_clusters if axis not in {one.axis for one in shown}]
+    if shown:
+        parts = _listed([f"{one.axis} in {_share(one.total)}" for one in shown[:MOST_NAMED]])
+        also = f"; the failure clusters also show {_listed(others)}" if others else ""
+        return f"Why: of the differences in success that the axes cause, alone or together, {parts}{also}."
+    reason = found.why_no_sensitivity or "the index of no axis is shown to be above 0"
+    if not others:
+        return f"Why: unknown, {reason}."
+    return f"Why: {_listed(others)}, by the failure clusters; which share of the differences is unknown, {reason}."
+
+
+def _is_shown(one: AxisSensitivity) -> bool:
+    return one.total.interval is None or one.total.interval.low > 0
 
 
 def _how_sure(found: PolicyCombinations) -> str:
     parts = []
     if found.clusters:
-        episodes = sum(cluster.discovery.episodes for cluster in found.clusters[:1])
+        first, *others = found.clusters
         worst = max(cluster.p_value for cluster in found.clusters)
         number = formatting.counted(len(found.clusters), "failure cluster")
         shown = f"p {'' if worst < 0.001 else 'at most '}{p_value(worst)}"
-        halves = f"{episodes} and {found.clusters[0].confirmation.episodes} episodes"
+        halves = f"{first.discovery.episodes} and {first.confirmation.episodes} episodes"
         parts.append(
             f"{number} found on one half of the seeds and confirmed on the other ({shown}, all candidates together; "
-            f"the first on {halves})"
+            f"{'the first ' if others else ''}on {halves})"
         )
     if found.sensitivity is not None and found.sensitivity.explained is not None:
         share = _share(found.sensitivity.explained)
@@ -97,6 +108,23 @@ def _how_sure(found: PolicyCombinations) -> str:
         parts.append("which axis matters most is not shown")
     counts = f"{formatting.counted(found.episodes, 'episode')} at {formatting.counted(found.points, 'point')}"
     return f"How sure: {'; '.join([*parts, counts])}."
+
+
+def _saturated(one: PolicyCombinations, found: Combinations) -> str:
+    """Which design to play instead of one in which nearly all episodes fail, or nearly all succeed; else nothing."""
+    few = one.success.value < FEW
+    other = max(1.0, found.highest / 2) if few else min(float(SEVERITIES), 2 * found.highest)
+    if FEW <= one.success.value <= MANY or other == found.highest:
+        return ""
+    outcome, kind = (
+        (f"{percent(1 - FEW)} of the episodes fail", "milder")
+        if few
+        else (f"{percent(MANY)} of the episodes succeed", "harder")
+    )
+    return (
+        f"Saturated: at least {outcome}, which tells little of the axes; play a {kind} design, with severities "
+        f"up to {other:g} instead of {found.highest:g}."
+    )
 
 
 def _first_is_open(ranked: Sequence[AxisSensitivity]) -> bool:
@@ -122,9 +150,8 @@ def _threshold(condition: AxisCondition) -> str:
 
 
 def index_table(found: PolicyCombinations) -> TextTable:
-    """Sobol' indices per axis, the largest first."""
-    rows = [(one.axis, _share(one.first), _share(one.total), _share(one.interaction)) for one in by_total(found)]
-    return TextTable(("axis", "alone", "with interactions", "interactions"), tuple(rows), 1)
+    """Sobol' total index per axis, the largest first."""
+    return TextTable(("axis", "total index"), tuple((one.axis, _share(one.total)) for one in by_total(found)), 1)
 
 
 def by_total(found: PolicyCombinations) -> list[AxisSensitivity]:
@@ -158,12 +185,11 @@ def cluster_table(found: PolicyCombinations) -> TextTable:
 
 def agreement_table(found: Combinations) -> TextTable:
     """Agreement of simulators on which axes matter."""
-    rows = tuple(map(_agreement_row, found.agreement))
+    rows = tuple(
+        (one.policy, f"{one.one}, {one.other}", f"{one.tau:.2f}", p_value(one.p_value), formatting.count(one.axes))
+        for one in found.agreement
+    )
     return TextTable(("policy", "simulators", "tau", "p", "axes"), rows, 2)
-
-
-def _agreement_row(row: IndexAgreement) -> tuple[str, ...]:
-    return (row.policy, f"{row.one}, {row.other}", f"{row.tau:.2f}", p_value(row.p_value), formatting.count(row.axes))
 
 
 def _listed(parts: Sequence[str]) -> str:
@@ -176,7 +202,7 @@ def _blocks(found: Combinations, page: Page) -> Iterator[Block]:
     for one in found.policies:
         if len(found.policies) > 1:
             yield Heading(_name(one), one.policy)
-        yield Sentences(sentences(one, found.axes))
+        yield Sentences(sentences(one, found))
     design = f"Design: {found.design} over {', '.join(found.axes)}." if found.design else ""
     yield Paragraph(design or "Combinations that the suite lists.", is_note=True)
     yield Terms({term: DEFINITIONS[term] for term in ("sensitivity index", "failure cluster")})
@@ -224,20 +250,16 @@ def _caption(video: Video) -> str:
 
 
 def _index_chart(one: PolicyCombinations) -> IntervalPlot:
-    rows = tuple(
-        (axis.axis, (_mark(axis.axis, axis.total, "with interactions"), _mark(axis.axis, axis.first, "alone")))
-        for axis in by_total(one)
-    )
-    label = f"{_name(one)}: share of the variance of success that each axis causes"
+    rows = tuple((axis.axis, _mark(axis)) for axis in by_total(one))
+    label = f"{_name(one)}: share of the variance of success in which each axis takes part"
     ticks = tuple((tick, str(tick)) for tick in (0, 25, 50, 75, 100))
-    x_label = "share of the variance (%): filled alone, open with interactions"
-    return IntervalPlot("", one.policy, label, rows, ticks, x_label, "sensitivity")
+    return IntervalPlot("", one.policy, label, rows, ticks, "share of the variance (%)", "sensitivity")
 
 
-def _mark(axis: str, estimate: Estimate, kind: str) -> Mark:
-    ends = estimate.interval
+def _mark(axis: AxisSensitivity) -> Mark:
+    ends = axis.total.interval
     interval = None if ends is None else (100 * ends.low, 100 * ends.high)
-    return Mark(100 * estimate.value, interval, None, f"{axis}, {kind}: {_share(estimate)}", kind != "alone")
+    return Mark(100 * axis.total.value, interval, None, f"{axis.axis}: {_share(axis.total)}")
 
 
 def _pair_map(pair: PairEffect) -> HeatMap:
@@ -253,10 +275,6 @@ def _pair_cell(value: float | None, episodes: int) -> HeatCell:
     return HeatCell(0.0, "", kind="nothing") if value is None else HeatCell(value, percent(value), f"n={episodes}")
 
 
-def _all_sentences(found: Combinations) -> list[str]:
-    return [sentence for one in found.policies for sentence in sentences(one, found.axes)]
-
-
 SECTIONS = (
     Section(
         name="combinations",
@@ -265,6 +283,6 @@ SECTIONS = (
         build=lambda source: build_combinations(source.document, source.rows),
         type=Combinations,
         blocks=_blocks,
-        sentences=_all_sentences,
+        sentences=lambda found: [sentence for one in found.policies for sentence in sentences(one, found)],
     ),
 )

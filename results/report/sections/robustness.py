@@ -126,7 +126,7 @@ def _losses(policy: str, baseline: str, rows: tuple[Interaction, ...]) -> Interv
     marks = []
     for row in rows:
         at, text = compared.plot_position(row.extra.value), f"{row.axis}: {points(row.extra)}"
-        marks.append((row.axis, (Mark(at, _ends(row.extra.interval), _ends(row.corrected), text),)))
+        marks.append((row.axis, Mark(at, _ends(row.extra.interval), _ends(row.corrected), text)))
     ticks = tuple((tick + 50, f"{tick:+d}" if tick else "0") for tick in (-50, -25, 0, 25, 50))
     label = f"{policy}: success lost beyond the clean loss, axis by axis"
     below = f"lost against {baseline} beyond clean (percentage points)"

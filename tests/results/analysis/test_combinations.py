@@ -1,12 +1,10 @@
 """Which axes matter and where failures gather, in runs that were never played."""
 
-import math
-
 import numpy as np
 import pytest
 
 from robogauntlet.results.analysis import combinations
-from robogauntlet.results.analysis.combinations import build_combinations, cluster_failures, is_inside, severity_sum
+from robogauntlet.results.analysis.combinations import build_combinations, cluster_failures, is_inside
 from robogauntlet.suites.designs import DesignEntry
 from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, columns_of, document, row, rows_where
@@ -80,7 +78,6 @@ def test_the_shares_of_the_axes_are_found_by_a_sobol_design():
     found = built(SOBOL, by_table, tasks=TASKS[:1])
     (one,) = found.policies
     indices = {axis.axis: axis for axis in one.sensitivity.axes}
-    assert indices["table"].first.interval.high == pytest.approx(1, abs=0.05)
     assert indices["table"].total.value > 0.8
     assert all(indices[axis].total.value < 0.2 for axis in ("illuminance", "noise"))
     assert one.why_no_sensitivity == ""
@@ -188,7 +185,8 @@ def test_the_video_of_a_cluster_is_of_an_episode_that_the_oracle_solves():
 
     changes = {"policies": ("oracle", "a"), "oracle_gate": "oracle", "tasks": TASKS[:1], "seeds": 40}
     run, rows = played({**SPREAD, "points": 60}, succeeds, **changes)
-    assert {row.seed == 0 for row in cluster_failures(run, lambda: iter(rows))} == {False}
+    found = build_combinations(run, columns_of(rows, combinations.COLUMNS))
+    assert {row.seed == 0 for row in cluster_failures(found, rows)} == {False}
 
 
 def test_listed_combinations_are_summarised_without_a_design():
@@ -204,38 +202,23 @@ def test_a_run_without_combinations_has_none():
     plan = cells(("a",), TASKS[:1], (Condition(), Condition("noise", 2)))
     rows = rows_where(lambda cell, seed: True, plan, SEEDS)
     assert build_combinations(document(SEEDS, plan), columns_of(rows, combinations.COLUMNS)) is None
-    assert cluster_failures(document(SEEDS, plan), lambda: iter(rows)) == []
+    assert cluster_failures(None, rows) == []
 
 
 def test_the_video_of_a_cluster_is_its_mildest_failure_whose_clean_episode_succeeded():
     run, rows = played(SPREAD, fails_in_the_dark_on_another_table)
-    chosen = cluster_failures(run, lambda: iter(rows))
     found = build_combinations(run, columns_of(rows, combinations.COLUMNS))
+    chosen = cluster_failures(found, rows)
     assert [row.simulator for row in chosen] == ["maniskill", "robosuite"]
     for row_, one in zip(chosen, found.policies, strict=True):
-        inside = [
-            severity_sum(r.episode.condition)
-            for r in rows
-            if r.simulator == one.simulator
-            and r.status == "failure"
-            and is_inside(r.episode.condition, one.clusters[0])
-        ]
-        assert row_.status == "failure"
-        assert severity_sum(row_.episode.condition) >= min(inside)
-        assert is_inside(row_.episode.condition, one.clusters[0])
-        assert any(r.seed == row_.seed and r.axis == "clean" and r.status == "success" for r in rows)
+        solved = {r.seed for r in rows if (r.task, r.axis, r.status) == (row_.task, "clean", "success")}
+        failures = [r for r in rows if r.task == row_.task and r.status == "failure" and r.seed in solved]
+        inside = [r for r in failures if is_inside(r.episode.condition, one.clusters[0])]
+        mildest = min(inside, key=lambda r: (sum(severities(r.episode.condition).values()), r.seed))
+        assert row_ == mildest
 
 
 def test_the_same_rows_in_another_order_give_the_same_result():
     run, rows = played(SPREAD, fails_in_the_dark_on_another_table)
     once, again = (build_combinations(run, columns_of(r, combinations.COLUMNS)) for r in (rows, rows[::-1]))
     assert once == again
-
-
-def test_an_infinite_lift_is_possible():
-    (one,) = built(
-        SPREAD,
-        lambda cell, seed: severities(cell.condition)["table"] < 3 if severities(cell.condition) else True,
-        tasks=TASKS[:1],
-    ).policies
-    assert [cluster.lift for cluster in one.clusters] == [math.inf]
