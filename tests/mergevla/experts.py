@@ -4,12 +4,12 @@ from functools import cache
 
 import torch
 
-from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
+from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_folded, save_checkpoint
 from robogauntlet_mergevla.checkpoints.merge_experts import merge_experts, read_experts
 from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet_mergevla.merging.recipe import Recipe
 from robogauntlet_mergevla.network.config import LoraSettings
-from robogauntlet_mergevla.network.lora import add_lora, folded
+from robogauntlet_mergevla.network.lora import add_lora
 from robogauntlet_mergevla.network.model import build
 from tests.mergevla.shared import SMALL, task_statistics
 
@@ -64,4 +64,4 @@ def _experts(cards):
 
 def plain(folder):
     """An expert's network without adapters."""
-    return folded(load_checkpoint(folder).model)
+    return load_folded(folder).model

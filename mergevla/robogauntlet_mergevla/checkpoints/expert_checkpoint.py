@@ -32,8 +32,8 @@ from robogauntlet_mergevla.checkpoints.metadata import (
     open_weights,
 )
 from robogauntlet_mergevla.network.config import Architecture
-from robogauntlet_mergevla.network.lora import add_lora, has_lora, plain_name
-from robogauntlet_mergevla.network.model import MergeVLA, empty
+from robogauntlet_mergevla.network.lora import add_lora, factor_shapes, folded, has_lora, plain_name
+from robogauntlet_mergevla.network.model import MergeVLA, assembled, empty
 
 AnyMetadata = TypeVar("AnyMetadata", CheckpointMetadata, MergedMetadata)
 LONGEST_VALUE = 300
@@ -107,31 +107,41 @@ def load_checkpoint(reference: str | Path) -> Checkpoint:
         PolicyError: It is truncated, a pickle, of another architecture or hash than in its metadata, without
             statistics, or has NaN weights.
     """
-    folder = locate(str(reference))
-    tensors, metadata = load_tensors(folder)
-    model = _network(metadata)  # of shapes only, since metadata may tell of a network larger than any memory
-    _check_shapes(folder, model, tensors)
+    return _network(*load_verified(reference))
+
+
+def load_folded(reference: str | Path) -> Checkpoint:
+    """Read a checkpoint as `load_checkpoint` does, with its adapters added to the weights, so that it can only act."""
+    tensors, metadata = load_verified(reference)
+    if metadata.lora is None:
+        return _network(tensors, metadata)
+    return Checkpoint(assembled(metadata.architecture, folded(tensors, metadata.lora)).eval(), metadata)
+
+
+def _network(tensors: Mapping[str, Tensor], metadata: CheckpointMetadata) -> Checkpoint:
+    model = empty(metadata.architecture)
+    if metadata.lora is not None:
+        with init_empty_weights(include_buffers=False):
+            add_lora(model, metadata.lora, seed=0)
     names = {plain_name(name): name for name in model.state_dict()}
     model.load_state_dict({names[name]: tensor for name, tensor in tensors.items()}, assign=True)
     return Checkpoint(model.eval(), metadata)
 
 
-def _network(metadata: CheckpointMetadata) -> MergeVLA:
-    model = empty(metadata.architecture)
+def load_verified(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMetadata]:
+    """Return what `load_tensors` does, if these are the tensors of the network in the metadata; raise PolicyError."""
+    folder = locate(str(reference))
+    tensors, metadata = load_tensors(folder)
+    model = empty(metadata.architecture)  # of shapes only: metadata may tell of a network larger than any memory
+    expected_shapes = {name: tuple(tensor.shape) for name, tensor in model.state_dict().items()}
     if metadata.lora is not None:
-        with init_empty_weights(include_buffers=False):
-            add_lora(model, metadata.lora, seed=0)
-    return model
-
-
-def _check_shapes(folder: Path, model: MergeVLA, tensors: Mapping[str, Tensor]) -> None:
-    """Raise CheckpointError unless the tensors are those of the model."""
-    expected_shapes = {plain_name(name): tuple(tensor.shape) for name, tensor in model.state_dict().items()}
+        expected_shapes |= factor_shapes(model, metadata.lora)
     for name in sorted(expected_shapes.keys() | tensors.keys()):
         expected = expected_shapes.get(name, "no such tensor")
         shape = tuple(tensors[name].shape) if name in tensors else "none"
         if expected != shape:
             raise CheckpointError(f"'{folder}': expected {name} of shape {expected} by its metadata, got {shape}")
+    return tensors, metadata
 
 
 def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMetadata]:

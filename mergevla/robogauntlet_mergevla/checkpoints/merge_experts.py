@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from robogauntlet.adapters.catalog import task_descriptions
-from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, tensors_of
+from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_tensors, load_verified
 from robogauntlet_mergevla.checkpoints.expert_copies import quantised_copy, restored
 from robogauntlet_mergevla.checkpoints.merged_model import MergedWeights, leading
 from robogauntlet_mergevla.checkpoints.metadata import (
@@ -95,8 +95,7 @@ def read_experts(references: Iterable[str | Path]) -> Experts:
     base_weights: Weights = {}
     for reference in references:
         folder = locate(str(reference))
-        checkpoint = load_checkpoint(folder)
-        metadata = checkpoint.metadata
+        tensors, metadata = load_verified(folder)
         try:
             name = metadata.expert
         except CheckpointError as error:
@@ -115,14 +114,15 @@ def read_experts(references: Iterable[str | Path]) -> Experts:
         hashes = {other: expert.metadata.base_hash for other, expert in by_name.items()} | {name: metadata.base_hash}
         check_same_base({other: (base_hash or "")[:16] for other, base_hash in hashes.items()})
         weights: dict[str, Tensor] = {}
-        for weight, tensor in tensors_of(checkpoint.model).items():
+        for weight, tensor in tensors.items():
             if ".lora_" in weight:
                 continue
             if not weight.startswith(BACKBONE):
                 weights[weight] = tensor
             elif not torch.equal(tensor, base_weights[weight]):
                 raise ExpertsDiffer(f"expert {name}: expected a backbone tuned by adapters alone, got another {weight}")
-        by_name[name] = Expert(metadata, lora_factors(checkpoint.model), weights)
+        factors = lora_factors(tensors, metadata.lora) if metadata.lora is not None else {}
+        by_name[name] = Expert(metadata, factors, weights)
         checkpoints[name] = folder if shipped(str(reference)).is_dir() else str(reference)
     if not by_name:
         raise MergeError("expected at least one expert to merge, got none")

@@ -74,7 +74,7 @@ def task_vector(tuned: Weights, base: Weights) -> TaskVector:
     """Theta_m - Theta_0 (arXiv 2511.18810 equation 1), in fp32, each when it is asked for.
 
     Raises ExpertsDiffer if names or shapes differ. Differences of weights that were rounded to bf16 lose small deltas:
-    use `robogauntlet_mergevla.network.lora.lora_deltas` for weights that were tuned by LoRA.
+    use `robogauntlet_mergevla.network.lora.lora_factors` for weights that were tuned by LoRA.
     """
     if problem := difference(base, tuned):
         raise ExpertsDiffer(f"the fine-tuned weights do not fit the base: {problem}")

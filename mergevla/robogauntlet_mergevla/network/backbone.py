@@ -1,26 +1,21 @@
-"""The vision-language model: vision features, a projector, and a Qwen2 decoder that returns every layer."""
+"""The vision-language model: vision features, a projector, and a decoder.
+
+`transformers` is imported only where pretrained towers or weights need it: it takes seconds.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from transformers import (
-    Dinov2WithRegistersConfig,
-    Dinov2WithRegistersModel,
-    Qwen2Config,
-    Qwen2Model,
-    SiglipVisionConfig,
-    SiglipVisionModel,
-)
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.support.errors import first_line
-from robogauntlet_mergevla.network.config import Architecture, ConvStem, LanguageModel, Tower, Towers
+from robogauntlet_mergevla.network.config import Architecture, ConvStem, Tower, Towers
+from robogauntlet_mergevla.network.decoder import Decoder
 from robogauntlet_mergevla.network.tokenizer import Prompts
 
 REGISTERS = 4
@@ -66,6 +61,8 @@ class DualTowers(nn.Module):
     """DINOv2 and SigLIP side by side."""
 
     def __init__(self, config: Towers) -> None:
+        from transformers import Dinov2WithRegistersModel, SiglipVisionModel
+
         super().__init__()
         self.dinov2 = Dinov2WithRegistersModel(_dinov2_config(config.dinov2))
         self.siglip = SiglipVisionModel(_siglip_config(config.siglip, exact_gelu=config.exact_gelu))
@@ -95,7 +92,7 @@ class Backbone(nn.Module):
         for before, after in pairwise((vision.width, *architecture.projector, architecture.width)):
             layers += [nn.Linear(before, after), nn.GELU()]
         self.projector = nn.Sequential(*layers[:-1])
-        self.language = Qwen2Model(_qwen_config(architecture.language))
+        self.language = Decoder(architecture.language)
 
     def forward(self, images: Tensor, prompts: Prompts, queries: Tensor) -> HiddenStates:
         """Compute the hidden states.
@@ -129,18 +126,12 @@ class Backbone(nn.Module):
 
     def _decode(self, sequence: Tensor, present: Tensor) -> list[Tensor]:
         """Return the hidden states of all layers. Positions count present tokens only, so padding has no effect."""
-        language, length = self.language, sequence.shape[1]
+        length = sequence.shape[1]
         positions = (present.long().cumsum(1) - 1).clamp(min=0)
         allowed = present[:, None, None, :]
-        causal = not self.architecture.language.bidirectional or self.architecture.quirks.language_blind
-        if causal:
+        if not self.architecture.language.bidirectional or self.architecture.quirks.language_blind:
             allowed = allowed & torch.ones(length, length, dtype=torch.bool, device=sequence.device).tril()
-        rotation = language.rotary_emb(sequence, positions)
-        layers = [sequence]
-        for block in language.layers:
-            layers.append(block(layers[-1], attention_mask=allowed, position_embeddings=rotation))
-        layers[-1] = language.norm(layers[-1])
-        return layers
+        return self.language(sequence, positions, allowed)
 
 
 def load_pretrained(backbone: Backbone, source: Pretrained) -> None:
@@ -148,15 +139,17 @@ def load_pretrained(backbone: Backbone, source: Pretrained) -> None:
 
     Raises PolicyError for weights that cannot be read as safetensors, or are of another architecture.
     """
+    from transformers import Dinov2WithRegistersModel, Qwen2Model, SiglipVisionModel
+
     _fill(backbone.language, Qwen2Model, source.language)
     if isinstance(backbone.vision, DualTowers):
         _fill(backbone.vision.dinov2, Dinov2WithRegistersModel, source.dinov2)
         _fill(backbone.vision.siglip, SiglipVisionModel, source.siglip)
 
 
-def _fill(module: nn.Module, kind: Callable[..., Any], source: str) -> None:
+def _fill(module: nn.Module, kind: Any, source: str) -> None:
     try:
-        weights = kind.from_pretrained(source, use_safetensors=True).state_dict()  # type: ignore[attr-defined]
+        weights = kind.from_pretrained(source, use_safetensors=True).state_dict()
     except (OSError, ValueError, RuntimeError) as error:
         raise PolicyError(f"expected pretrained safetensors at '{source}', got: {first_line(error)}") from None
     state = module.state_dict()
@@ -174,21 +167,9 @@ def _stem(config: ConvStem) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-def _qwen_config(config: LanguageModel) -> Qwen2Config:
-    return Qwen2Config(
-        vocab_size=config.vocabulary,
-        hidden_size=config.width,
-        intermediate_size=config.feed_forward,
-        num_hidden_layers=config.layers,
-        num_attention_heads=config.heads,
-        num_key_value_heads=config.key_value_heads,
-        rope_parameters={"rope_type": "default", "rope_theta": config.rope_theta},
-        tie_word_embeddings=True,
-        attn_implementation="sdpa",
-    )
+def _dinov2_config(config: Tower) -> Any:
+    from transformers import Dinov2WithRegistersConfig
 
-
-def _dinov2_config(config: Tower) -> Dinov2WithRegistersConfig:
     return Dinov2WithRegistersConfig(
         hidden_size=config.width,
         num_hidden_layers=config.layers,
@@ -200,7 +181,9 @@ def _dinov2_config(config: Tower) -> Dinov2WithRegistersConfig:
     )
 
 
-def _siglip_config(config: Tower, *, exact_gelu: bool) -> SiglipVisionConfig:
+def _siglip_config(config: Tower, *, exact_gelu: bool) -> Any:
+    from transformers import SiglipVisionConfig
+
     return SiglipVisionConfig(
         hidden_act="gelu" if exact_gelu else "gelu_pytorch_tanh",
         hidden_size=config.width,

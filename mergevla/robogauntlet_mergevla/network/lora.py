@@ -1,18 +1,17 @@
-"""Low-rank adapters on the backbone (arXiv 2106.09685, through `peft`), and their deltas to the weights."""
+"""Low-rank adapters on the backbone (arXiv 2106.09685), trained through `peft`, and their deltas to the weights."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
-from peft import LoraConfig, inject_adapter_in_model
-from peft.tuners.lora import LoraLayer
 from torch import Tensor, nn
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet_mergevla.network.config import LoraSettings
-from robogauntlet_mergevla.network.model import MergeVLA, assembled
+from robogauntlet_mergevla.network.model import MergeVLA
 
 ADAPTER = "default"
 BACKBONE = "backbone."
@@ -48,10 +47,9 @@ def add_lora(model: MergeVLA, settings: LoraSettings, seed: int) -> None:
     """
     if has_lora(model):
         raise LoraError("expected a model without LoRA, got one that has it: fold it first")
-    if settings.rank > model.architecture.width:
-        raise LoraError(f"expected a LoRA rank of 1 to {model.architecture.width}, got {settings.rank}")
-    kinds = (nn.Linear, nn.Conv2d) if settings.convolutions else (nn.Linear,)
-    targets = [name for name, module in model.backbone.named_modules() if isinstance(module, kinds)]
+    targets = [*_adapted(model, settings)]
+    from peft import LoraConfig, inject_adapter_in_model  # several seconds of processor time, which acting saves
+
     config = LoraConfig(
         r=settings.rank,
         lora_alpha=settings.alpha,
@@ -66,23 +64,41 @@ def add_lora(model: MergeVLA, settings: LoraSettings, seed: int) -> None:
 
 def has_lora(model: MergeVLA) -> bool:
     """Return whether the backbone has adapters."""
-    return any(isinstance(module, LoraLayer) for module in model.backbone.modules())
+    return any(hasattr(module, "lora_A") for module in model.backbone.modules())
 
 
-def lora_factors(model: MergeVLA) -> dict[str, Factors]:
-    """Return the adapters by the names of their weights in the plain network."""
-    factors = {}
-    for name, module in model.backbone.named_modules():
-        if isinstance(module, LoraLayer):
-            a, b = module.lora_A[ADAPTER].weight, module.lora_B[ADAPTER].weight
-            shape = module.get_base_layer().weight.shape
-            factors[f"{BACKBONE}{name}.weight"] = Factors(a, b, module.scaling[ADAPTER], shape)
-    return factors
+def factor_shapes(model: MergeVLA, settings: LoraSettings) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the factors that `add_lora` would add, by their names: `<layer>.lora_A`, `<layer>.lora_B`.
+
+    Raises LoraError if the rank exceeds the network's width.
+    """
+    shapes: dict[str, tuple[int, ...]] = {}
+    for name, (out, *inputs) in _adapted(model, settings).items():
+        shapes[f"{BACKBONE}{name}.lora_A"] = (settings.rank, *inputs)
+        shapes[f"{BACKBONE}{name}.lora_B"] = (out, settings.rank, *(1 for _ in inputs[1:]))
+    return shapes
 
 
-def lora_deltas(model: MergeVLA) -> dict[str, Tensor]:
-    """Return the adapters' deltas by weight, in fp32: the task vector of the backbone."""
-    return {name: factors.delta() for name, factors in lora_factors(model).items()}
+def _adapted(model: MergeVLA, settings: LoraSettings) -> dict[str, torch.Size]:
+    """Return the backbone's layers that have adapters, with the shapes of their weights."""
+    if settings.rank > model.architecture.width:
+        raise LoraError(f"expected a LoRA rank of 1 to {model.architecture.width}, got {settings.rank}")
+    kinds = (nn.Linear, nn.Conv2d) if settings.convolutions else (nn.Linear,)
+    return {name: module.weight.shape for name, module in model.backbone.named_modules() if isinstance(module, kinds)}
+
+
+def lora_factors(tensors: Mapping[str, Tensor], settings: LoraSettings) -> dict[str, Factors]:
+    """Return the adapters among a checkpoint's tensors, by the names of their weights in the plain network."""
+    layers = [name.removesuffix(".lora_A") for name in tensors if name.endswith(".lora_A")]
+    return {
+        f"{layer}.weight": Factors(
+            tensors[f"{layer}.lora_A"],
+            tensors[f"{layer}.lora_B"],
+            settings.alpha / settings.rank,
+            tensors[f"{layer}.weight"].shape,
+        )
+        for layer in layers
+    }
 
 
 def plain_name(name: str) -> str:
@@ -90,13 +106,9 @@ def plain_name(name: str) -> str:
     return re.sub(rf"(\.lora_[AB])\.{ADAPTER}\.weight$", r"\1", name).replace(".base_layer.", ".")
 
 
-def folded(model: MergeVLA) -> MergeVLA:
-    """Return a copy without adapters that computes the same: each weight is W + scale * B A, summed in fp32.
-
-    It shares all other weights, and is of the backbone's type.
-    """
-    weights = {plain_name(name): tensor for name, tensor in model.state_dict().items() if ".lora_" not in name}
-    for name, delta in lora_deltas(model).items():
-        weights[name] = (weights[name].float() + delta).to(weights[name].dtype)
-    with torch.no_grad():
-        return assembled(model.architecture, weights).train(model.training)
+def folded(tensors: Mapping[str, Tensor], settings: LoraSettings) -> dict[str, Tensor]:
+    """Return the weights of a network without adapters that computes the same: W + scale * B A, summed in fp32."""
+    weights = {name: tensor for name, tensor in tensors.items() if ".lora_" not in name}
+    for name, factors in lora_factors(tensors, settings).items():
+        weights[name] = (weights[name].float() + factors.delta()).to(weights[name].dtype)
+    return weights

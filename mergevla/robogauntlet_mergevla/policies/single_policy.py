@@ -23,9 +23,8 @@ from robogauntlet.policies.contract import (
 from robogauntlet.suites.episode import Episode
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.text import counted
-from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint
+from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_folded
 from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
-from robogauntlet_mergevla.network.lora import folded, has_lora
 from robogauntlet_mergevla.network.model import MergeVLA
 from robogauntlet_mergevla.network.model_cache import ModelCache
 from robogauntlet_mergevla.network.normalisation import TaskStatistics, padded
@@ -97,10 +96,9 @@ class Network:
 
 def load_network(reference: str | Path, device: torch.device) -> Network:
     """Load the network of a checkpoint, a folder or a hub id, in evaluation mode."""
-    checkpoint = load_checkpoint(reference)
-    model = folded(checkpoint.model) if has_lora(checkpoint.model) else checkpoint.model
-    metadata, tokenizer = checkpoint.metadata, tokenizer_for(model.architecture)
-    return Network(model.eval().to(device), metadata.statistics, tokenizer, metadata.action_steps)
+    checkpoint = load_folded(reference)
+    model, metadata = checkpoint.model.to(device), checkpoint.metadata
+    return Network(model, metadata.statistics, tokenizer_for(model.architecture), metadata.action_steps)
 
 
 def chunks_by(

@@ -5,16 +5,18 @@ import torch
 from peft.tuners.lora import LoraLayer
 from torch import nn
 
+from robogauntlet_mergevla.checkpoints.expert_checkpoint import tensors_of
 from robogauntlet_mergevla.network.config import LoraSettings
 from robogauntlet_mergevla.network.lora import (
     LoraError,
     add_lora,
+    factor_shapes,
     folded,
     has_lora,
-    lora_deltas,
     lora_factors,
     plain_name,
 )
+from robogauntlet_mergevla.network.model import assembled
 from tests.mergevla.shared import SMALL, inputs, small_model
 
 
@@ -30,6 +32,10 @@ def adapted(settings=None, seed=3):
     return model
 
 
+def factors_of(model):
+    return lora_factors(tensors_of(model), LoraSettings(2))
+
+
 def test_new_adapters_change_nothing_and_depend_on_their_seed_alone():
     plain, one, two = small_model(), small_model(), small_model()
     add_lora(one, LoraSettings(rank=2), seed=1)
@@ -37,7 +43,7 @@ def test_new_adapters_change_nothing_and_depend_on_their_seed_alone():
     add_lora(two, LoraSettings(rank=2), seed=1)
     batch = inputs(SMALL)
     assert torch.equal(one(*batch), plain(*batch))
-    for a, b in zip(lora_factors(one).values(), lora_factors(two).values(), strict=True):
+    for a, b in zip(factors_of(one).values(), factors_of(two).values(), strict=True):
         assert torch.equal(a.a, b.a)
         assert a.a.std() > 0
 
@@ -46,7 +52,14 @@ def test_new_adapters_change_nothing_and_depend_on_their_seed_alone():
 def test_every_linear_layer_of_the_backbone_and_nothing_else_is_adapted(convolutions):
     kinds = (nn.Linear, nn.Conv2d) if convolutions else nn.Linear
     names = {f"backbone.{n}.weight" for n, m in small_model().backbone.named_modules() if isinstance(m, kinds)}
-    assert set(lora_deltas(adapted(LoraSettings(2, convolutions)))) == names
+    assert set(factors_of(adapted(LoraSettings(2, convolutions)))) == names
+
+
+@pytest.mark.parametrize("convolutions", [False, True])
+def test_the_shapes_of_factors_are_known_without_them(convolutions):
+    settings = LoraSettings(2, convolutions)
+    factors = {name: t.shape for name, t in tensors_of(adapted(settings)).items() if ".lora_" in name}
+    assert factor_shapes(small_model(), settings) == factors
 
 
 def test_the_base_is_frozen_and_all_else_trains():
@@ -59,7 +72,7 @@ def test_the_base_is_frozen_and_all_else_trains():
 @pytest.mark.parametrize("convolutions", [False, True])
 def test_deltas_are_fp32_and_equal_to_pefts(convolutions):
     model = adapted(LoraSettings(2, convolutions))
-    deltas = lora_deltas(model)
+    deltas = {name: factors.delta() for name, factors in factors_of(model).items()}
     for name, module in model.backbone.named_modules():
         if isinstance(module, LoraLayer):
             delta = deltas.pop(f"backbone.{name}.weight")
@@ -71,7 +84,7 @@ def test_deltas_are_fp32_and_equal_to_pefts(convolutions):
 @pytest.mark.parametrize("convolutions", [False, True])
 def test_a_folded_model_has_no_adapters_and_acts_the_same(convolutions):
     model = adapted(LoraSettings(2, convolutions))
-    plain = folded(model)
+    plain = assembled(SMALL, folded(tensors_of(model), LoraSettings(2, convolutions)))
     batch = inputs(SMALL)
     assert not has_lora(plain)
     assert not torch.allclose(model(*batch), small_model()(*batch), atol=1e-4)

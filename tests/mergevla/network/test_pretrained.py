@@ -10,10 +10,11 @@ from transformers import PreTrainedTokenizerFast
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet_mergevla.network.backbone import Backbone, Pretrained, load_pretrained
 from robogauntlet_mergevla.network.config import QWEN, ExpertConfig, LanguageModel, LoraSettings, Tower, Towers
-from robogauntlet_mergevla.network.lora import add_lora, lora_deltas
+from robogauntlet_mergevla.network.lora import add_lora
 from robogauntlet_mergevla.network.model import build
 from robogauntlet_mergevla.network.tokenizer import tokenizer_for
 from tests.errors import one_line_error
+from tests.mergevla.network.test_decoder import qwen
 from tests.mergevla.shared import inputs
 
 LITTLE = replace(
@@ -35,7 +36,9 @@ def source(tmp_path):
     """Folders of pretrained weights, and the backbone that they were saved from."""
     original = build(LITTLE, seed=1).backbone
     places = Pretrained(*(str(tmp_path / name) for name in ("language", "dinov2", "siglip")))
-    original.language.save_pretrained(places.language)
+    language = qwen(LITTLE.language)
+    language.load_state_dict(original.language.state_dict())
+    language.save_pretrained(places.language)
     original.vision.dinov2.save_pretrained(places.dinov2)
     original.vision.siglip.save_pretrained(places.siglip)
     return places, original
@@ -66,7 +69,7 @@ def test_the_last_block_of_a_tower_is_not_read():
 def test_adapters_reach_both_towers_the_projector_and_the_decoder():
     model = build(LITTLE, seed=1)
     add_lora(model, LoraSettings(rank=2), seed=0)
-    parts = {".".join(name.split(".")[1:3]) for name in lora_deltas(model)}
+    parts = {".".join(name.split(".")[1:3]) for name, _ in model.named_parameters() if ".lora_A." in name}
     assert {"vision.dinov2", "vision.siglip", "projector.0", "language.layers"} <= parts
 
 

@@ -38,12 +38,11 @@ def test_the_table_has_the_losses_of_the_merged_model(made):
 
 
 def test_a_single_expert_has_the_loss_of_its_network(made):
-    from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_checkpoint
-    from robogauntlet_mergevla.network.lora import folded
+    from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_folded
 
     experts, pool, folders = made
-    alone = load_checkpoint(folders[0])
-    expected = held_out_l1(lambda _: folded(alone.model), alone.metadata.statistics, pool, TASKS[:1])
+    alone = load_folded(folders[0])
+    expected = held_out_l1(lambda _: alone.model, alone.metadata.statistics, pool, TASKS[:1])
     assert experts_l1(experts, pool, INSTRUCTIONS)[TASKS[0]] == pytest.approx(expected[TASKS[0]], abs=1e-6)
 
 
