@@ -15,9 +15,9 @@ import typer
 from robogauntlet.orchestrator.cli.common import HistoryUrl, fail, open_history, out, print_line, runs_root
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.cli.serve.dashboard import PublicUrl, public_address
-from robogauntlet.orchestrator.notifications import Message, notifiers, send_all
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.plan import make_plan
+from robogauntlet.orchestrator.schedules.notifications import Message, send_all, targets
 from robogauntlet.orchestrator.schedules.runner import Runner
 from robogauntlet.orchestrator.schedules.schedule import Schedule, read_schedules
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
@@ -87,8 +87,8 @@ def serve(file: File = DEFAULT, public_url: PublicUrl = None, url: HistoryUrl = 
     """Run the schedules of a file when they are due, until stopped."""
     schedules = _checked(file)
     with _runner(public_url, url) as runner:
-        targets = ", ".join(notifier.name for notifier in notifiers(os.environ)) or "this log only"
-        _log(f"serving {', '.join(one.name for one in schedules)}; notifications go to {targets}")
+        named = ", ".join(target.name for target in targets(os.environ)) or "this log only"
+        _log(f"serving {', '.join(one.name for one in schedules)}; notifications go to {named}")
         runner.serve(schedules)
 
 
@@ -104,7 +104,7 @@ def _checked(file: Path) -> list[Schedule]:
 
 def _send_test_message() -> None:
     """Send a test notification to all recipients; raises BadInput if one does not get it."""
-    recipients = notifiers(os.environ)
+    recipients = targets(os.environ)
     if not recipients:
         variables = "ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/operating.md)"
         raise BadInput(f"no recipient: set {variables}")
@@ -116,7 +116,7 @@ def _send_test_message() -> None:
 
 @contextmanager
 def _runner(public_url: str | None, url: str | None) -> Iterator[Runner]:
-    recipients, public, root = notifiers(os.environ), public_address(public_url), runs_root(url).absolute()
+    recipients, public, root = targets(os.environ), public_address(public_url), runs_root(url).absolute()
 
     def send(message: Message) -> None:
         _log(message.title)

@@ -15,8 +15,8 @@ from pathlib import Path
 from time import sleep, time
 from urllib.parse import quote
 
-from robogauntlet.orchestrator.notifications import Message, message_for
 from robogauntlet.orchestrator.runs.regression_check import check_regression
+from robogauntlet.orchestrator.schedules.notifications import Message, message_for
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE, Schedule
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import RunComparison

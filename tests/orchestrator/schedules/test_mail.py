@@ -4,14 +4,14 @@ import email
 import email.policy
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.notifications import Message, notifiers, send_all
-from robogauntlet.orchestrator.notifications.sending import email_message
-from tests.orchestrator.notifications.servers import QUICK, Inbox, Users, certified, closed_port, greeter, smtp
+from robogauntlet.orchestrator.schedules.notifications import Message, send_all, targets
+from tests.orchestrator.schedules.servers import Inbox, Users, certified, closed_port, greeter, smtp
 
 MESSAGE = Message("REGRESSED: a against b", ("p: 85 % → 71 %",), "a", "runs/a/report.html")
+few = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 PASSWORD = "correct-horse-battery"
 LOGIN = {"ROBOGAUNTLET_SMTP_USER": "me", "ROBOGAUNTLET_SMTP_PASSWORD": PASSWORD}
 
@@ -28,7 +28,7 @@ def environment(port, tls, **more):
 
 
 def notify(port, tls="none", **more):
-    return send_all(MESSAGE, notifiers(environment(port, tls, **more)), retries=QUICK)
+    return send_all(MESSAGE, targets(environment(port, tls, **more)))
 
 
 def test_a_mail_arrives_with_its_subject_and_lines():
@@ -42,9 +42,8 @@ def test_a_mail_arrives_with_its_subject_and_lines():
     assert mail["Subject"] == "[robogauntlet] REGRESSED: a against b"
     assert mail["From"] == "Gauntlet <robogauntlet@example.org>"
     assert mail["To"] == "a@example.org, Someone Else <b@example.org>"
-    assert mail["Message-ID"].endswith("@example.org>")
     assert mail.get_content().splitlines() == [
-        *("REGRESSED: a against b", "", "- p: 85 % → 71 %", "", "run: a", "report: runs/a/report.html")
+        *("REGRESSED: a against b", "run: a", "report: runs/a/report.html", "- p: 85 % → 71 %")
     ]
 
 
@@ -124,27 +123,17 @@ def test_only_temporary_refusals_are_retried_and_at_most_three_times(answer, tri
     assert inbox.tries == tries
 
 
-@pytest.mark.parametrize(
-    ("unknown", "words", "reached"),
-    [
-        ({"b@example.org"}, "number 2 in ROBOGAUNTLET_MAIL_TO; ", [["a@example.org"]]),
-        ({"a@example.org", "b@example.org"}, "all recipients (550); ", []),
-    ],
-    ids=["one of two", "both"],
-)
-def test_refused_recipients_are_named_by_number_and_the_others_get_the_mail(unknown, words, reached):
-    inbox = Inbox(unknown=unknown)
+def test_a_mail_that_some_recipients_do_not_get_is_a_problem_and_not_sent_again():
+    inbox = Inbox(unknown={"b@example.org"})
     with smtp(inbox) as port:
         (line,) = notify(port)
-    assert f"the server refused {words}" in line
-    assert [mail.rcpt_tos for mail in inbox.mails] == reached
+    assert "failed with SMTPRecipientsRefused; check ROBOGAUNTLET_SMTP_*" in line
+    assert [mail.rcpt_tos for mail in inbox.mails] == [["a@example.org"]]
 
 
 def test_a_refused_connection_is_one_line():
     (line,) = notify(closed_port())
     assert "connection refused, after 4 tries; check ROBOGAUNTLET_SMTP_*" in line
-    (line,) = notify(25, "starttls", ROBOGAUNTLET_SMTP_HOST="robogauntlet.invalid")
-    assert "the host was not found" in line
 
 
 def test_a_server_without_smtp_is_one_line():
@@ -153,12 +142,19 @@ def test_a_server_without_smtp_is_one_line():
     assert "failed with SMTPConnectError; check ROBOGAUNTLET_SMTP_*" in line
 
 
+@few
 @given(st.text(), st.text(), st.lists(st.text(), max_size=3))
-def test_no_text_can_become_a_header(title, run, lines):
-    (notifier,) = notifiers(environment(25, "none"))
+def test_no_text_can_become_a_header(outbox, title, run, lines):
+    inbox, port = outbox
     inserted = f"{title}\r\nBcc: everybody@example.org\n\nbody {run}"
-    made = email_message(Message(inserted, (*lines, inserted), inserted), notifier.sender, notifier.recipients)
-    back = email.message_from_bytes(bytes(made), policy=email.policy.default)
-    headers = ["Subject", "From", "To", "Date", "Message-ID", "Auto-Submitted"]
-    headers += ["Content-Type", "Content-Transfer-Encoding", "MIME-Version"]
-    assert back.keys() == made.keys() == headers
+    assert send_all(Message(inserted, (*lines, inserted), inserted), targets(environment(port, "none"))) == []
+    back = email.message_from_bytes(inbox.mails.pop().content, policy=email.policy.default)
+    headers = {"Subject", "From", "To", "Date", "Auto-Submitted", "Content-Type", "Content-Transfer-Encoding"}
+    assert {*back.keys()} - {"X-Peer", "X-MailFrom", "X-RcptTo"} == headers | {"MIME-Version"}
+
+
+@pytest.fixture(scope="module")
+def outbox():
+    inbox = Inbox()
+    with smtp(inbox) as port:
+        yield inbox, port

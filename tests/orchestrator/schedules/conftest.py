@@ -1,4 +1,4 @@
-"""An authority of certificates, which clients accept in tests that use `trusted`."""
+"""An authority of certificates, which clients accept in tests that use `trusted`, and short waits."""
 
 import pytest
 import trustme
@@ -13,3 +13,8 @@ def authority():
 def trusted(authority, tmp_path, monkeypatch):
     authority.cert_pem.write_to_path(tmp_path / "ca.pem")
     monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr("robogauntlet.orchestrator.schedules.notifications.WAITS_S", (0.001, 0.001, 0.001))

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.notifications import Message, NotificationError, notifiers, send_all
-from tests.orchestrator.notifications.servers import QUICK, Hook, Inbox, Users, certified, closed_port, greeter, smtp
+from robogauntlet.orchestrator.schedules.notifications import Message, send_all, targets
+from robogauntlet.support.errors import BadInput
+from tests.orchestrator.schedules.servers import Hook, Inbox, Users, certified, closed_port, greeter, smtp
 
 MESSAGE = Message("a test", ("one",), "demo")
 IN_A_PATH = string.ascii_letters + string.digits + "-._~!$'()*+,;=:@%"
@@ -68,9 +69,9 @@ def chain(error):
 
 def notify(environment, secret):
     """Send a notification, and check that the secret is in nothing that is visible."""
-    found = notifiers(environment)
+    found = targets(environment)
     with logged() as texts:
-        lines = send_all(MESSAGE, found, retries=QUICK)
+        lines = send_all(MESSAGE, found)
     assert_hidden(secret, *lines, *texts, repr(found), str(found), *(one.name for one in found))
     return lines
 
@@ -170,13 +171,13 @@ def test_malformed_variables_are_named_without_their_values(secret, wrong, url):
     """A secret may be in the wrong variable, so values are not shown."""
     environment = MAIL | {name: secret if whole else f"x\n{secret}@" for name, whole in wrong.items()}
     environment["ROBOGAUNTLET_WEBHOOK_URL"] = url.replace("{}", secret)
-    with logged() as texts, pytest.raises(NotificationError, match=r"^ROBOGAUNTLET_") as raised:
-        notifiers(environment)
+    with logged() as texts, pytest.raises(BadInput, match=r"^ROBOGAUNTLET_") as raised:
+        targets(environment)
     assert_hidden(secret, *chain(raised.value), *texts)
 
 
 @given(st.text(min_size=1), st.text(), st.text(), st.text())
-def test_a_wrong_configuration_raises_only_notification_errors(url, host, sender, recipients):
+def test_a_wrong_configuration_raises_only_bad_input(url, host, sender, recipients):
     names = ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST", "ROBOGAUNTLET_MAIL_FROM", "ROBOGAUNTLET_MAIL_TO")
-    with contextlib.suppress(NotificationError):
-        notifiers(dict(zip(names, (url, host, sender, recipients), strict=True)))
+    with contextlib.suppress(BadInput):
+        targets(dict(zip(names, (url, host, sender, recipients), strict=True)))

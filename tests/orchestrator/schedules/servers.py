@@ -12,10 +12,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from aiosmtpd.controller import Controller
 from aiosmtpd.smtp import AuthResult
 
-from robogauntlet.orchestrator.notifications import Retries
-
 os.environ["NO_PROXY"] = "*"  # notifications of tests stay on this machine
-QUICK = Retries(waits_s=(0.001, 0.001, 0.001))
 
 
 class Hook(ThreadingHTTPServer):
