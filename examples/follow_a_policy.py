@@ -1,4 +1,4 @@
-"""Follow a policy from run to run: `python examples/follow_a_policy.py runs/history.sqlite POLICY [PLOT.svg]`.
+"""Follow a policy from run to run: `python examples/follow_a_policy.py runs/history.sqlite POLICY`.
 
 The cells between `# %%` can be run one by one in an editor or a notebook.
 """
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from robogauntlet.results.report.history_plot import write_plot
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
 
@@ -37,7 +36,4 @@ for result in results:
     if result.run.verdict == "regressed":
         print(result.run.name, *result.run.reasons, sep="\n  ")
 
-# %% The same as a plot.
-if len(sys.argv) > 3:
-    write_plot(Path(sys.argv[3]), results, f"{policy}, success from run to run")
 history.close()

@@ -245,7 +245,7 @@ def _print_leaderboard(suite: str | None, alpha: float, form: Format, url: str |
     """Print the policies of a suite by their newest complete runs; tasks that only some have played do not count."""
     from robogauntlet.results.analysis.leaderboard import leaderboard
     from robogauntlet.results.newest_results import latest_results_per_policy
-    from robogauntlet.results.report.history_plot import leaderboard_table
+    from robogauntlet.results.report.history_tables import leaderboard_table
 
     if form not in (Format.TEXT, Format.JSON):
         raise BadInput(f"--format {form}: expected text or json with --all")

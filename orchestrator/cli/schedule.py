@@ -23,7 +23,7 @@ from robogauntlet.orchestrator.schedules.schedule import Schedule, read_schedule
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.orchestrator.schedules.units import Target, render_all
 from robogauntlet.results.report.formatting import TextTable
-from robogauntlet.results.report.history_plot import when
+from robogauntlet.results.report.history_tables import when
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 

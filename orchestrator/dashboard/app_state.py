@@ -21,7 +21,7 @@ from robogauntlet.orchestrator.dashboard import live_view, queries
 from robogauntlet.orchestrator.dashboard.answers import Answers
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.report import formatting, page
-from robogauntlet.results.report.history_plot import verdict_text, when
+from robogauntlet.results.report.history_tables import verdict_text, when
 from robogauntlet.results.report.templates import template_environment
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.history_records import RunEntry

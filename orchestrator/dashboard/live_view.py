@@ -10,7 +10,7 @@ from typing import Any
 
 from robogauntlet.results.live_status import STALE_S, LiveSimulator, LiveWorker
 from robogauntlet.results.report.formatting import NOTHING, count
-from robogauntlet.results.report.history_plot import run_rate
+from robogauntlet.results.report.history_tables import run_rate
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts, RunEntry
 from robogauntlet.support.durations import format_duration

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from functools import partial
 
 from fastapi import APIRouter
 from starlette.responses import Response
@@ -15,10 +13,6 @@ from robogauntlet.orchestrator.dashboard.live_view import live_view, shape_of
 from robogauntlet.orchestrator.dashboard.runs import running
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow, leaderboard
 from robogauntlet.results.newest_results import latest_results_per_policy
-from robogauntlet.results.record import FailureKind
-from robogauntlet.results.report.history_plot import kind_history_table, new_kinds, plot
-from robogauntlet.results.store.failure_history import kinds_by_run, kinds_in_run
-from robogauntlet.results.store.history_records import PolicyRunResult
 
 LAST_VERDICTS = 6
 LAST_SCHEDULED_RUNS = 50
@@ -47,11 +41,6 @@ def overview(app_state: CurrentAppState) -> Response:
     )
 
 
-def _kinds(app_state: AppState, task: str, result: PolicyRunResult) -> Mapping[FailureKind, int]:
-    key = (result.run.run_id, result.policy_digest, task, result.run.counts.done)
-    return app_state.answers.get(("kinds", *key), lambda: kinds_in_run(result, app_state.history.url, task or None))
-
-
 @router.get("/history")
 def history(app_state: CurrentAppState, policy: str = "", suite: str = "", task: str = "") -> Response:
     """Show the success of a policy over its runs."""
@@ -59,14 +48,10 @@ def history(app_state: CurrentAppState, policy: str = "", suite: str = "", task:
     if policy:
         results = app_state.history.policy_history(policy, suite=suite or None, task=task or None, limit=MAX_RUNS)
     title = ", ".join(filter(None, (policy, task, suite and f"suite {suite}")))
-    kinds = kinds_by_run(results, partial(_kinds, app_state, task))
     return app_state.page(
         "history.html.jinja",
-        kinds=kind_history_table(kinds[::-1]) if kinds else None,
-        new_kinds=new_kinds(kinds),
         here="/history",
         results=results[::-1],
-        plot=plot(results, title, "/runs/{run}") if results else "",
         title=title,
         limit=MAX_RUNS,
         wanted={"policy": policy, "suite": suite, "task": task},

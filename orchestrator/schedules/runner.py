@@ -22,7 +22,7 @@ from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import RunComparison
 from robogauntlet.results.folder_lock import LOCK_FILE
 from robogauntlet.results.report.formatting import counted
-from robogauntlet.results.report.history_plot import run_rate
+from robogauntlet.results.report.history_tables import run_rate
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunError, RunStatus, read_run
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder

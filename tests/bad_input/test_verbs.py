@@ -196,7 +196,6 @@ WITH_FILES = [
         {"runs/monday/episodes.sqlite": None},
     ),
     ("export runs/monday --out new", "expected a store, this file", {"runs/monday/episodes.sqlite": b"x" * 10_000}),
-    ("list runs p --out mine.svg", "mine.svg: expected a new file, or a plot of a history to", {"mine.svg": "<svg/>"}),
     (
         "list axes noise --pictures a.png",
         "a.png: expected a new file, or a contact sheet to",

@@ -14,20 +14,15 @@ from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_histor
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.folder_lock import LOCK_FILE
 from robogauntlet.results.report.formatting import TextTable, count, counted
-from robogauntlet.results.report.history_plot import (
-    PLOT,
-    kind_history_table,
-    new_kinds,
+from robogauntlet.results.report.history_tables import (
     policy_history_table,
     run_rate,
     sparkline,
     verdict_text,
     when,
-    write_plot,
 )
 from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
 from robogauntlet.results.store.database import without_password
-from robogauntlet.results.store.failure_history import kinds_by_run, kinds_in_run
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import SHORTEST_ID
 from robogauntlet.suites.plugins import did_you_mean
@@ -40,7 +35,6 @@ def list_runs(
     suite: Annotated[str | None, typer.Option(help="Only runs of this suite.")] = None,
     task: Annotated[str | None, typer.Option(help="Only this task.")] = None,
     limit: Annotated[int, typer.Option(min=1, help="Largest number of runs; the newest are shown.")] = 30,
-    file: Annotated[Path | None, typer.Option("--out", help="Plot to write: FILE.svg, or FILE.html.")] = None,
     forget: Annotated[
         str | None,
         typer.Option(
@@ -57,17 +51,11 @@ def list_runs(
 ) -> None:
     """List runs, or show the success of a policy over its runs."""
     if forget is not None:
-        refuse("--forget", {"POLICY": policy, "--suite": suite, "--task": task, "--out": file, "--json": as_json})
+        refuse("--forget", {"POLICY": policy, "--suite": suite, "--task": task, "--json": as_json})
         _forget(forget, url, delete=delete)
         return
     if delete:
         raise BadInput("--delete: expected with --forget RUN")
-    if file is not None and policy is None:
-        raise BadInput("--out: expected the name of the policy to plot: robogauntlet list runs POLICY --out FILE")
-    if file is not None and file.suffix not in (".svg", ".html"):
-        raise BadInput(f"--out: expected a file that ends in .svg or .html, got '{file}'")
-    if file is not None:
-        PLOT.check(file)
     with open_history(url) as history:
         if suite is not None and suite not in history.suites():
             raise BadInput(f"no run of a suite '{suite}'{did_you_mean(suite, history.suites())}")
@@ -83,21 +71,12 @@ def list_runs(
             known = history.policies(suite)
             hint = f" on '{task}'" if task and policy in known else did_you_mean(policy, known)
             raise BadInput(f"no run with a policy '{policy}'{hint}")
-        kinds = [] if as_json else kinds_by_run(results, lambda result: kinds_in_run(result, history.url, task))
     if as_json:
         print_json(results)
         return
     title = ", ".join(filter(None, (policy, task, suite and f"suite {suite}")))
     out.print(rich_table(policy_history_table(results), title=title))
     out.print(f"\n{sparkline(results)}  success, 0 to 100 %, newest on the right", markup=False)
-    if kinds:
-        out.print()
-        out.print(rich_table(kind_history_table(kinds), title="Failures in clean episodes by kind"))
-        for line in new_kinds(kinds):
-            print_line(f"- {line}")
-    if file is not None:
-        write_plot(file, results, f"{title}: success from run to run")
-        print_line(f"plot: {file}")
 
 
 def _runs_table(entries: Sequence[RunEntry]) -> TextTable:

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.results.report import write_report
 from robogauntlet.results.report.formatting import spreadsheet_cell
-from robogauntlet.results.report.history_plot import when
+from robogauntlet.results.report.history_tables import when
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History

@@ -40,34 +40,13 @@ def test_a_run_of_several_policies_has_no_rate_in_the_list(run_command, runs):
     assert all("2 policies" in line and " % [" not in line for line in lines[1:])
 
 
-def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_path):
+def test_a_policys_history_has_intervals_and_verdicts(run_command, runs):
     assert run_command("compare", "--gate", "runs/tuesday").code == 1
-    result = run_command("list", "runs", "p", "--suite", "synthetic", "--out", "plot.svg")
+    result = run_command("list", "runs", "p", "--suite", "synthetic")
     lines = result.out.splitlines()
     assert "75 %  [65, 83]" in lines[2]
     assert "▼ regressed" in lines[3]
     assert "▇▅▅  success" in result.out
-    picture = (tmp_path / "plot.svg").read_text()
-    assert picture.startswith("<svg")
-    assert picture.count('class="bad"') == 1
-    for _ in range(2):  # the second replaces the first
-        assert run_command("list", "runs", "p", "--task", "maniskill/A", "--out", "plot.html").code == 0
-    assert (tmp_path / "plot.html").read_text().startswith("<!doctype html>")
-
-
-def test_a_policys_history_has_its_kinds_of_failures(run_command, tmp_path):
-    plan = cells(("p",), ("maniskill/A",))
-    for number, kinds in enumerate((["dropped"], ["dropped", "unsafe"])):
-        results = [row(plan[0], seed, "failure", failure=kind) for seed, kind in enumerate(kinds)]
-        run = document(2, plan, run_id=f"run-{number}", started_at=86_400.0 * number)
-        run_folder(tmp_path / "runs" / f"night-{number}", run, results)
-    out = run_command("list", "runs", "p").out
-    assert "Failures in clean episodes by kind" in out
-    assert "- first seen in night-1: unsafe, 1 of 2 failures" in out
-
-
-def test_a_history_without_kinds_has_no_such_table(run_command, runs):
-    assert "by kind" not in run_command("list", "runs", "p").out
 
 
 def test_a_worse_run_is_no_baseline_until_it_is_accepted(run_command, runs):
@@ -131,12 +110,6 @@ def test_an_export_that_fails_leaves_nothing(run_command, runs, tmp_path, form):
         (("list", "runs", "pp"), "no run with a policy 'pp'; did you mean 'p'?"),
         (("list", "runs", "--suite", "synthetc"), "no run of a suite 'synthetc'; did you mean 'synthetic'?"),
         (("list", "runs", "p", "--task", "nowhere"), "no run with a policy 'p' on 'nowhere'"),
-        (("list", "runs", "p", "--out", "no/such/folder.svg"), "expected a file in an existing folder"),
-        (
-            ("list", "runs", "p", "--out", "plot.png"),
-            "--out: expected a file that ends in .svg or .html, got 'plot.png'",
-        ),
-        (("list", "runs", "--out", "plot.svg"), "--out: expected the name of the policy to plot"),
         (("list", "runs", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),
         (("list", "runs", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
         (("compare", "--all", "nothing"), "no run of a suite 'nothing'"),
@@ -165,12 +138,6 @@ def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs
     before = (runs / "history.sqlite").read_bytes()
     assert f"expected a store of version {VERSION}, got version 99" in run_command("list", "runs").refusal
     assert (runs / "history.sqlite").read_bytes() == before
-
-
-def test_an_output_beside_a_folder_that_is_not_there_makes_no_such_folder(run_command, runs, tmp_path):
-    assert run_command("export", "runs/monday", "--out", "missing/../monday.zip").code == 0
-    assert (tmp_path / "monday.zip").is_file()
-    assert not (tmp_path / "missing").exists()
 
 
 def test_a_check_of_rows_alone_does_not_say_that_episodes_were_replayed(run_command, runs):

@@ -13,7 +13,6 @@ from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
 from robogauntlet.results.report.pairwise import headline
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.history_records import Counts
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import add_videos, live_status, nightly_run, running
@@ -208,19 +207,10 @@ def test_a_comparison_without_rows_is_one_line(served):
     assert "its rows are in postgresql+psycopg://user:***@far/db" in page
 
 
-def test_the_history_plot_has_a_linked_mark_per_run(filled):
+def test_the_history_has_a_row_per_run_with_its_interval(filled):
     page = filled.get("/history?policy=merged&suite=nightly&task=robosuite/Lift").text
-    plot = re.search(r'<svg class="history-plot".*?</svg>', page, re.DOTALL)[0]
-    assert len(re.findall(r'<a href="/runs/[0-9a-f]+"', plot)) == 4
-    assert 'class="bad"' in plot
-    assert page.count('<th scope="row"') == 4
+    assert page.count('<th scope="row"') == page.count('<svg class="interval') == 4
     assert "No run matches" in filled.get("/history?policy=unknown").text
-
-
-def test_the_style_of_the_plot_is_allowed_by_its_hash_alone(filled):
-    policy = filled.get("/history?policy=merged").headers["content-security-policy"]
-    style = next(part for part in policy.split("; ") if part.startswith("style-src"))
-    assert re.fullmatch(r"style-src 'self' 'sha256-[A-Za-z0-9+/=]+'", style)
 
 
 def test_the_leaderboard_has_each_policys_newest_run_and_letters(filled):
@@ -305,21 +295,6 @@ def test_videos_of_failures_name_their_kind_and_are_filtered_by_it(served, tmp_p
     assert '<option value="dropped">' in page
     shown = served.get("/failures?run=kinds&kind=misplaced").text
     assert re.findall(r'aria-label="([^"]+) of experts on', shown) == ["Failure: misplaced"]
-
-
-def test_the_history_of_a_policy_has_its_kinds_of_failures(served, tmp_path):
-    (cell,) = cells(("experts",), ("robosuite/Lift",))
-    for number, kind in enumerate(("dropped", "unsafe")):
-        run = document(1, [cell], run_id=f"kinds-{number}", started_at=1000.0 * number)
-        folder = run_folder(tmp_path / f"night-{number}", run, [row(cell, 0, "failure", failure=kind)])
-        record_run_folder(served.history, folder, run)
-    page = served.get("/history?policy=experts").text
-    assert "<li>first seen in night-1: unsafe, 1 of 1 failure</li>" in page
-    assert "Failures in clean episodes by kind" in page
-
-
-def test_the_history_of_earlier_runs_has_no_kinds_of_failures(filled):
-    assert "Kinds of failures" not in filled.get("/history?policy=merged").text
 
 
 def test_a_part_of_a_video_can_be_requested(filled):
