@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from robogauntlet.suites.episode import Condition, content_hash
+from robogauntlet.suites.episode import Condition
 
 MEDIA = "media"
 _FILE = re.compile(r"media/(videos/[^/\\]+\.mp4|(pictures|snapshots)/[^/\\]+\.png)")
@@ -26,11 +26,6 @@ def videos_folder(folder: Path) -> Path:
 def video_path(folder: Path, episode_id: str) -> Path:
     """Return the path of the video of an episode (mp4)."""
     return videos_folder(folder) / f"{_name(episode_id)}.mp4"
-
-
-def changed_video_path(folder: Path, episode_id: str, condition: Condition) -> Path:
-    """Return the path of the video of an episode beside the same under another condition (mp4)."""
-    return folder / MEDIA / "changed" / f"{_name(episode_id)}-{content_hash(str(condition), length=8)}.mp4"
 
 
 def picture_path(folder: Path, task: str) -> Path:

@@ -6,7 +6,6 @@ A condition is `noise@2`, and a combination `noise@2+table@3.5`, wherever one is
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 from robogauntlet.suites.axes import AXES, axes_of
 from robogauntlet.suites.episode import AND, AT, CLEAN, CONTROLS, Condition, Perturbation
@@ -97,43 +96,6 @@ def read_condition(text: str) -> Condition:
     except ValueError as error:
         raise BadInput(f"condition '{text}': {error}") from None
     return condition
-
-
-def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequence[str]) -> Condition:
-    """Return a condition with some axes at other severities (`AXIS@SEVERITY`) and some left out (`AXIS`).
-
-    Raises:
-        BadInput: There is no such axis or severity, axes do not combine, one to be left out is not there, or nothing
-            changes.
-    """
-    try:
-        severities = {part.axis: part.severity for part in condition.perturbations}
-    except ValueError as error:
-        raise BadInput(f"the episode's condition cannot be read: {error}") from None
-    for axis in left_out:
-        if axis not in severities:
-            raise BadInput(f"--without {axis}: the episode is under {condition}{did_you_mean(axis, severities)}")
-        del severities[axis]
-    for text in given:
-        try:
-            changed = read_condition(text).perturbations
-        except BadInput as error:
-            raise BadInput(f"--with {text}: {str(error).partition(': ')[2]}") from None
-        if AND in text or not changed:
-            raise BadInput(f"--with {text}: expected AXIS@SEVERITY, such as illuminance@3")
-        severities[changed[0].axis] = changed[0].severity
-    text = AND.join(f"{axis}{AT}{severity:g}" for axis, severity in severities.items())
-    found = read_condition(text) if text else Condition()
-    if found == condition:
-        raise BadInput(f"--with, --without: the episode is under {condition} already; name another axis or severity")
-    return found
-
-
-def change_text(before: Condition, after: Condition) -> str:
-    """Return what differs between two conditions, `without table, illuminance@3`."""
-    old, new = ({part.axis: part.severity for part in one.perturbations} for one in (before, after))
-    lost = [f"without {axis}" for axis in old if axis not in new]
-    return ", ".join([*lost, *(f"{axis}{AT}{new[axis]:g}" for axis in new if old.get(axis) != new[axis])])
 
 
 def condition_of(axis: str, severity: float) -> Condition:

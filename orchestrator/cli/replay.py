@@ -11,20 +11,17 @@ import typer
 from robogauntlet.orchestrator.cli.common import OwnSuite, StoreUrl, fail, newest_run, out, print_line, refuse
 from robogauntlet.orchestrator.cli.verification import verify_run
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
-from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
 from robogauntlet.orchestrator.replay.replay import (
     environments_of,
     policy_sources,
-    replay_changed,
     replay_with_video,
 )
 from robogauntlet.orchestrator.runs.playable_suite import playable_suite
-from robogauntlet.results.media_paths import changed_video_path, video_path
+from robogauntlet.results.media_paths import video_path
 from robogauntlet.results.record import EpisodeResult, Status, outcome_text
 from robogauntlet.results.run_document import RunDocument, read_run
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.suites.conditions import changed_condition
 from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted, visible
@@ -50,13 +47,6 @@ def replay(
         str | None,
         typer.Option("--condition", metavar="AXIS@SEVERITY", help="The episode under it; by default the clean one."),
     ] = None,
-    added: Annotated[
-        list[str] | None,
-        typer.Option("--with", metavar="AXIS@SEVERITY", help="Play it also with this axis. May be repeated."),
-    ] = None,
-    left_out: Annotated[
-        list[str] | None, typer.Option("--without", metavar="AXIS", help="Play it also without this axis of its own.")
-    ] = None,
     video: Annotated[Path | None, typer.Option(help="MP4 file to write; by default in the run folder.")] = None,
     verify: Annotated[
         bool,
@@ -72,13 +62,11 @@ def replay(
 ) -> None:
     """Replay a stored episode and record a video, or verify a run.
 
-    The episode is compared with its row. With --with or --without it is played once more, changed in this one thing,
-    and the video shows both side by side.
-    Exit code 1 if something differs from the rows.
+    The episode is compared with its row. Exit code 1 if something differs from the rows.
     """
     if verify:
         given = {"--run": folder and episode_id, "--policy": policy, "--task": task, "--condition": at}
-        refuse("--verify", given | {"--with": added, "--without": left_out, "--video": video})
+        refuse("--verify", given | {"--video": video})
         run = folder or (newest_run() if episode_id is None else Path(episode_id))
         verify_run(run, 12 if sample is None else sample, seed or 0, store, suite)
         return
@@ -96,29 +84,16 @@ def replay(
         raise BadInput(f"{folder}: no episode {episode_id}; ids are listed by: robogauntlet list episodes {folder}")
     if row.episode_id != row.episode.id:
         raise BadInput(f"{folder}: the row of episode {visible(row.episode_id)} is that of another; it is not replayed")
-    changes = added or left_out
-    condition = changed_condition(row.episode.condition, added or (), left_out or ()) if changes else None
-    if condition is not None and (reason := why_impossible(condition, row.task)):
-        raise BadInput(f"{row.task} cannot have {condition}: {reason}")
-    if video is None:
-        of_both = condition and changed_video_path(folder, row.episode_id, condition)
-        video = of_both or video_path(folder, row.episode_id)
-    played: list[EpisodeResult] = []
+    video = video or video_path(folder, row.episode_id)
     try:
         played_by = playable_suite(document, folder, suite)
-        sources, environments = policy_sources(document, played_by), environments_of(played_by)
-        if condition is None:
-            replay = replay_with_video(row, sources, video, environments)
-        else:
-            replay, changed = replay_changed(row, condition, sources, video, environments)
-            played.append(changed)
+        replay = replay_with_video(row, policy_sources(document, played_by), video, environments_of(played_by))
     except RayLost as error:
         raise BadInput(str(error)) from None
-    for result in (replay.result, *played):
-        ended = f"{outcome_text(result.status, result.failure)} after {counted(result.steps, 'step')}"
-        outcome = result.error if result.status == Status.ERROR else ended
-        under = f", {result.episode.condition}" if changes else ""
-        print_line(f"{row.task}, {row.policy}, seed {row.seed}{under}: {outcome}")
+    result = replay.result
+    ended = f"{outcome_text(result.status, result.failure)} after {counted(result.steps, 'step')}"
+    outcome = result.error if result.status == Status.ERROR else ended
+    print_line(f"{row.task}, {row.policy}, seed {row.seed}: {outcome}")
     if video.exists():
         print_line(f"video: {video}")
     if replay.differences:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,14 +17,11 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.rollout import Watcher
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder
-from robogauntlet.orchestrator.replay.joined_videos import join_videos
 from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.results.record import OUTCOME, EpisodeResult, outcome_text
+from robogauntlet.results.record import OUTCOME, EpisodeResult
 from robogauntlet.results.run_document import RunDocument
-from robogauntlet.suites.conditions import change_text
-from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.schema import Suite
 from robogauntlet.support.errors import BadInput
@@ -154,49 +150,6 @@ def replay_with_video(
 def _record_video(row: EpisodeResult, runner: EpisodeRunner, *, video: Path) -> Replayed:
     with VideoRecorder(video, steps=row.steps or row.horizon) as recorder:
         return replay(row, runner, recorder)
-
-
-def replay_changed(
-    row: EpisodeResult,
-    condition: Condition,
-    sources: Mapping[str, PolicySource],
-    video: Path,
-    environments: EnvironmentResolver,
-) -> tuple[Replayed, EpisodeResult]:
-    """Replay a row's episode, play it once more under another condition, and write a video of both side by side.
-
-    Raises:
-        AdapterError: The environment is unsuitable, or its process died.
-        RayLost: Ray itself has died.
-    """
-    from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_simulator_environment  # imports Ray
-
-    job = partial(_record_both, condition=condition, video=video.absolute())
-    arguments = (job, [row], dict(sources))
-    (both,) = run_in_simulator_environment(_run_job, catalog.find(row.simulator), arguments, environments)
-    return both
-
-
-def _record_both(
-    row: EpisodeResult, runner: EpisodeRunner, *, condition: Condition, video: Path
-) -> tuple[Replayed, EpisodeResult]:
-    with tempfile.TemporaryDirectory() as scratch:
-        before, after = Path(scratch, "before.mp4"), Path(scratch, "after.mp4")
-        with VideoRecorder(before, steps=row.horizon) as recorder:
-            replayed = replay(row, runner, recorder)
-        with VideoRecorder(after, steps=row.horizon) as recorder:
-            changed = runner.play_one(replace(row.episode, condition=condition), recorder)
-        if before.exists() and after.exists():
-            join_videos((before, after), titles(row.episode.condition, replayed.result, changed), video)
-    return replayed, changed
-
-
-def titles(stored: Condition, result: EpisodeResult, changed: EpisodeResult) -> list[str]:
-    """The titles of both videos: under which condition an episode was played, and how it ended."""
-    under = ("as stored", change_text(stored, changed.episode.condition))
-    return [
-        f"{how}: {outcome_text(row.status, row.failure)}" for how, row in zip(under, (result, changed), strict=True)
-    ]
 
 
 def _run_job(job: Job[Row], rows: Sequence[Row], sources: Mapping[str, PolicySource]) -> Iterator[Any]:

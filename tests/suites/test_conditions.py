@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.conditions import (
-    changed_condition,
     condition_patterns,
     read_axis,
     read_condition,
@@ -51,8 +50,6 @@ def test_another_sign_is_refused_with_the_text_to_write(text, written):
         read_condition(text)
     with one_line_error(BadInput, refused):
         condition_patterns(text)
-    with one_line_error(BadInput, re.escape(f"--with {text}: expected {written}") + "$"):
-        changed_condition(Condition(), [text], [])
     with one_line_error(BadInput, re.escape(f"--vary {text}: expected {written}, got")):
         Variation.read([text])
 
@@ -115,33 +112,6 @@ def test_conditions_that_differ_have_other_ids(part, severity):
 def test_combinations_that_cannot_be_are_refused(text, message):
     with one_line_error(BadInput, message):
         read_condition(text)
-
-
-def test_one_axis_of_a_condition_is_changed_added_or_left_out():
-    condition = Condition.of(Perturbation("noise", 2), Perturbation("table", 1.5))
-    assert str(changed_condition(condition, ["noise@3"], [])) == "noise@3+table@1.5"
-    assert str(changed_condition(condition, ["blur@0.5"], ["table"])) == "blur@0.5+noise@2"
-    assert changed_condition(condition, [], ["noise", "table"]) == Condition()
-    assert changed_condition(Condition(), ["noise@2"], []) == Condition("noise", 2)
-
-
-@pytest.mark.parametrize(
-    ("given", "left_out", "message"),
-    [
-        (["noise"], [], "--with noise: expected one severity, such as noise@2, got 5"),
-        (["noise@x"], [], "--with noise@x: expected clean, AXIS or AXIS@SEVERITY"),
-        (["clean"], [], "--with clean: expected AXIS@SEVERITY, such as illuminance@3"),
-        (["noise@1+table@1"], [], "--with noise@1+table@1: expected AXIS@SEVERITY"),
-        (["noise@9"], [], "expected a severity from 0.01 to 5, got 9"),
-        (["nois@2"], [], "unknown axis 'nois'; did you mean 'noise'?"),
-        (["blind@1"], [], "the control 'blind' does not combine with others"),
-        ([], ["table"], "--without table: the episode is under noise@2"),
-        (["noise@2"], [], "the episode is under noise@2 already; name another axis or severity"),
-    ],
-)
-def test_changes_that_cannot_be_are_refused(given, left_out, message):
-    with one_line_error(BadInput, re.escape(message)):
-        changed_condition(Condition("noise", 2), given, left_out)
 
 
 def test_an_axis_alone_has_all_its_severities():

@@ -11,8 +11,7 @@ from robogauntlet.adapters.contract import SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder
 from robogauntlet.orchestrator.ray_runtime.simulator_processes import ProcessEnded, run_in_simulator_environment
-from robogauntlet.orchestrator.replay.replay import NotReplayed, differences, replay_rows, titles
-from robogauntlet.suites.episode import Condition
+from robogauntlet.orchestrator.replay.replay import NotReplayed, differences, replay_rows
 from tests.results.synthetic import cells, row
 
 ROWS = [row(cell, seed) for seed in range(2) for cell in cells(("p",), ("maniskill/A", "pybullet/B"))]
@@ -101,12 +100,3 @@ def test_a_video_has_about_ten_frames_a_second_and_at_most_about_sixty(tmp_path,
         for step in range(steps + 1):
             recorder(shown, step)
     assert len(drawn) == frames
-
-
-def test_videos_side_by_side_are_titled_with_the_kind_of_failure():
-    clean, dark = cells(("a",), ("null/Reach",), (Condition(), Condition("illuminance", 3)))
-    failed = row(dark, 0, "failure", failure="dropped")
-    assert titles(clean.condition, row(clean, 0), failed) == [
-        "as stored: success",
-        "illuminance@3: failure: dropped",
-    ]
