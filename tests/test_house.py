@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 14_244,
     "suites": 2_863,
     "src/robogauntlet": 972,
-    "tests": 46_844,
+    "tests": 46_842,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
-from functools import cache
 from itertools import combinations
 from string import ascii_letters
 from typing import TYPE_CHECKING
@@ -24,7 +23,7 @@ from robogauntlet.results.statistics.rates import Interval, wilson_interval
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status")
+COLUMNS = ("pair_id", "state_hash", "policy", "policy_digest", "task", "severity", "status")
 """Fields of the record that are needed."""
 MOST_POLICIES, MOST_LETTERS = 100, 100
 """Policies up to which pairs are compared, and letters up to which they are given: both may grow without end."""
@@ -43,9 +42,9 @@ class LeaderboardRow:
     successes: int
     verdicts: int
     rate: float
-    """Mean over tasks; tasks have equal weight."""
+    """Share of successes."""
     interval: Interval | None
-    """Wilson interval of the pooled rate, 95 %."""
+    """Its Wilson interval, 95 %."""
     letters: str
     """Policies that share a letter do not differ significantly."""
 
@@ -68,18 +67,29 @@ def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[
     If they have played different tasks, those that all have played count, unless there are none. `alpha` is the maximum
     probability that any two policies that do not differ share no letter.
     """
-    outcomes = [_outcomes(one.rows) for one in played]
-    tasks = [set(rows["task"]) for rows in outcomes if len(rows)]
-    if tasks and (common := set.intersection(*tasks)):
-        outcomes = [rows[rows["task"].isin(common)] for rows in outcomes]
-    order = sorted((i for i, rows in enumerate(outcomes) if len(rows)), key=lambda i: -_task_mean(outcomes[i]))
+    import pandas as pd
+
+    clean = pd.concat([_outcomes(one.rows).assign(place=place) for place, one in enumerate(played)] or [pd.DataFrame()])
+    if clean.empty:
+        return []
+    by_task = clean.groupby("task", observed=True)["place"].nunique()
+    common = by_task.index[by_task == clean["place"].nunique()]
+    clean = clean[clean["task"].isin(common)] if len(common) else clean
+    won = clean.groupby("place")["won"]
+    order = won.mean().sort_values(ascending=False, kind="stable").index.tolist()
     if len(order) > MOST_POLICIES:
-        return [_row(played[i], outcomes[i], f"left out: more than {MOST_POLICIES} policies") for i in order]
-    pairs = list(combinations(order, 2))
-    p_values = holm(_p_values(outcomes, pairs)) if pairs else ()
-    differ = {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p <= alpha}
-    letters = compact_letters(order, differ)
-    return [_row(played[i], outcomes[i], letters[i]) for i in order]
+        letters = dict.fromkeys(order, f"left out: more than {MOST_POLICIES} policies")
+    else:
+        pairs = list(combinations(order, 2))
+        p_values = holm(_p_values(clean, pairs)) if pairs else ()
+        differ = {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p <= alpha}
+        letters = compact_letters(order, differ)
+    found = []
+    for i in order:
+        one, successes, count = played[i], int(won.sum()[i]), int(won.count()[i])
+        about = one.policy, one.policy_digest, one.run, one.started_at, successes, count, successes / count
+        found.append(LeaderboardRow(*about, wilson_interval(successes, count), letters[i]))
+    return found
 
 
 def compact_letters(order: Sequence[int], differ: Set[frozenset[int]]) -> dict[int, str]:
@@ -104,40 +114,13 @@ def compact_letters(order: Sequence[int], differ: Set[frozenset[int]]) -> dict[i
 
 def _outcomes(rows: pd.DataFrame) -> pd.DataFrame:
     clean = rows[(rows["severity"] == 0) & (rows["status"] != str(Status.ERROR))]
-    return clean.assign(won=clean["status"] == str(Status.SUCCESS))[["pair_id", "task", "won"]]
+    return clean.assign(won=clean["status"] == str(Status.SUCCESS))[["pair_id", "state_hash", "task", "won"]]
 
 
-def _task_mean(rows: pd.DataFrame) -> float:
-    return float(rows.groupby("task", observed=True)["won"].mean().mean())
-
-
-def _p_values(outcomes: Sequence[pd.DataFrame], pairs: Sequence[tuple[int, int]]) -> list[float]:
-    """McNemar's test of each pair of policies on the episodes of both; 1 if there are none."""
-    import pandas as pd
-    from scipy.sparse import csr_array
-
-    policy = np.repeat(np.arange(len(outcomes)), [len(rows) for rows in outcomes])
-    episode, known = pd.factorize(
-        np.concatenate([rows["pair_id"].to_numpy(object) for rows in outcomes]), use_na_sentinel=False
-    )
-    won = np.concatenate([rows["won"].to_numpy(np.int64) for rows in outcomes])
-    shape = len(outcomes), len(known)
-    successes, failures = (csr_array((count, (policy, episode)), shape) for count in (won, 1 - won))
-    better = (successes @ failures.T).toarray()  # episodes that the first solved and the second did not
-    test = cache(mcnemar)
-    return [test(Pairs(0, int(better[a, b]), int(better[b, a]), 0)) for a, b in pairs]
-
-
-def _row(one: PolicyEpisodes, rows: pd.DataFrame, letters: str) -> LeaderboardRow:
-    won, count = int(rows["won"].sum()), len(rows)
-    return LeaderboardRow(
-        policy=one.policy,
-        policy_digest=one.policy_digest,
-        run=one.run,
-        started_at=one.started_at,
-        successes=won,
-        verdicts=count,
-        rate=_task_mean(rows),
-        interval=wilson_interval(won, count),
-        letters=letters,
-    )
+def _p_values(outcomes: pd.DataFrame, pairs: Sequence[tuple[int, int]]) -> list[float]:
+    """McNemar's test of each pair of policies on the episodes of both from the same state; 1 if there are none."""
+    table = outcomes.pivot(index="place", columns=["pair_id", "state_hash"], values="won")
+    won, lost = ((table == is_won).to_numpy(np.float64) for is_won in (True, False))
+    # Episodes that the first solved and the second did not.
+    better, place = (won @ lost.T).astype(int), table.index.get_indexer
+    return [mcnemar(Pairs(0, int(better[a, b]), int(better[b, a]), 0)) for a, b in map(place, pairs)]

@@ -57,7 +57,7 @@ def policy_history_table(results: Sequence[PolicyRunResult]) -> TextTable:
 
 def leaderboard_table(leaderboard: Sequence[LeaderboardRow]) -> TextTable:
     """A leaderboard; policies that share a letter do not differ significantly."""
-    header = ("policy", "content", "letters", "run", "started (UTC)", "mean of tasks", "interval", "episodes")
+    header = ("policy", "content", "letters", "run", "started (UTC)", "success", "interval", "episodes")
     rows = tuple(
         (
             row.policy,

@@ -29,7 +29,7 @@ from robogauntlet.results.statistics.rates import rate
 
 BEGINS = (
     rb"(### )?[^\n]+ against [^\n]+: [^\n]+ points, [^\n]+ pairs?\n"
-    rb"|(\| )?policy +(\| )?letters +(\| )?mean of tasks"
+    rb"|(\| )?policy +(\| )?letters +(\| )?success"
     rb"|(\| )?(all tasks|against [^\n]+?) +(\| )?pairs +(\| )?first +(\| )?second"
     rb"|\{\n \"alpha\": [^\n]*\n \"baseline\": "
 )
@@ -234,7 +234,7 @@ def standings_table(comparisons: PolicyComparisons) -> TextTable | None:
         (row.policy, row.letters, percent(row.rate), formatting.span(row.interval), f"{row.verdicts:,}")
         for row in comparisons.standings
     )
-    return TextTable(("policy", "letters", "mean of tasks", "interval of all episodes", "episodes"), rows, 2)
+    return TextTable(("policy", "letters", "success", "interval", "episodes"), rows, 2)
 
 
 def terms(comparisons: PolicyComparisons) -> list[tuple[str, str]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import combinations
 
 import pandas as pd
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,11 +16,13 @@ from robogauntlet.results.analysis.leaderboard import (
     leaderboard,
 )
 from robogauntlet.results.newest_results import latest_results_per_policy
+from robogauntlet.results.run_document import Provenance
+from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
 from robogauntlet.suites.episode import SuccessRule
-from tests.results.synthetic import cells, document, rows, run_folder
+from tests.results.synthetic import cells, document, row, run_folder
 
 
 @st.composite
@@ -50,7 +53,7 @@ def test_no_letter_is_redundant(drawn):
 
 def played(policy, outcomes, tasks=("null/Reach",), **changes):
     rows = [
-        {"pair_id": f"{task}-{seed}", "task": task, "status": outcome, "severity": 0, **changes}
+        {"pair_id": f"{task}-{seed}", "state_hash": "", "task": task, "status": outcome, "severity": 0, **changes}
         for task in tasks
         for seed, outcome in enumerate(outcomes)
     ]
@@ -73,8 +76,9 @@ def test_errors_and_perturbed_episodes_are_in_no_rate():
     assert (found.successes, found.verdicts) == (2, 3)
 
 
-def test_policies_without_an_episode_in_common_are_not_separated():
-    found = leaderboard([played("a", ["success"] * 50, ("null/A",)), played("b", ["failure"] * 50, ("null/B",))])
+@pytest.mark.parametrize("other", [{"tasks": ("null/B",)}, {"state_hash": "elsewhere"}])
+def test_policies_without_an_episode_or_a_start_state_in_common_are_not_separated(other):
+    found = leaderboard([played("a", ["success"] * 50), played("b", ["failure"] * 50, **other)])
     assert [one.letters for one in found] == ["a", "a"]
 
 
@@ -86,16 +90,45 @@ def test_only_tasks_that_all_have_played_count():
     assert {(one.rate, one.verdicts, one.letters) for one in found} == {(1.0, 30, "a")}
 
 
-def test_runs_that_count_success_otherwise_than_the_newest_are_left_out_with_the_reason(tmp_path):
+def test_a_rate_is_that_of_its_interval_where_tasks_have_unequal_episodes():
+    hard = played("p", ["failure"] * 10, ("null/Hard",)).rows
+    easy = played("p", ["success"] * 90, ("null/Easy",)).rows
+    (found,) = leaderboard([PolicyEpisodes("p", "p", "run", 0.0, pd.concat([hard, easy]))])
+    assert found.rate == 0.9
+    assert found.interval == wilson_interval(90, 100)
+
+
+VERSIONS = {"provenance": Provenance(packages={"mani-skill": "3.0.0"})}
+NEWEST = {"provenance": Provenance(packages={"mani-skill": "3.0.1"}), "render_devices": {"null": "llvmpipe"}}
+
+
+@pytest.mark.parametrize(
+    ("earlier", "start", "reason"),
+    [
+        ({"success": "once"}, "s", "it counts success once, the newest run held"),
+        (VERSIONS, "s", "simulator differs from the newest run: mani-skill 3.0.0, now 3.0.1"),
+        (
+            {"render_devices": {"null": "GPU"}},
+            "s",
+            "renderer differs from the newest run: null rendered on GPU, now on ",
+        ),
+        ({}, "t", "world differs from the newest run: another physical state at the start of 4 of 4 pairs"),
+        ({}, "s", None),
+    ],
+)
+def test_runs_that_are_not_comparable_with_the_newest_are_left_out_with_the_reason(tmp_path, earlier, start, reason):
     messages, of = [], cells(("p", "q"), ("null/Reach",))
+    runs = [("old", {**NEWEST, **earlier}, of, start), ("new", NEWEST, of[:1], "s")]
     with closing(History.open(file_url(tmp_path / "history.sqlite"))) as history:
-        for day, (rule, own) in enumerate((("held", of), ("once", of[:1]))):
-            plan = [replace(cell, protocol=replace(cell.protocol, success=SuccessRule(rule))) for cell in own]
-            run = document(4, plan, run_id=rule, started_at=1e9 + day, success=rule)
-            record_run_folder(history, run_folder(tmp_path / rule, run, rows(plan, planned=4)), run)
+        for day, (name, changes, own, state) in enumerate(runs):
+            rule = SuccessRule(changes.get("success", "held"))
+            plan = [replace(cell, protocol=replace(cell.protocol, success=rule)) for cell in own]
+            run = document(4, plan, run_id=name, started_at=1e9 + day, **changes)
+            results = [row(cell, seed, state_hash=f"{state}{seed}") for cell in plan for seed in range(4)]
+            record_run_folder(history, run_folder(tmp_path / name, run, results), run)
         found = list(latest_results_per_policy(history, "synthetic", messages.append))
-    assert [(one.policy, one.run) for one in found] == [("p", "once")]
-    assert messages == ["held is left out: it counts success held, the newest run once"]
+    assert [(one.policy, one.run) for one in found] == [("p", "new"), *([] if reason else [("q", "old")])]
+    assert [one.startswith(f"old is left out: {reason}") for one in messages] == ([True] if reason else [])
 
 
 def test_without_rates_the_leaderboard_is_empty():

@@ -110,16 +110,6 @@ def test_permuting_the_axes_permutes_the_indices(order, seed):
             assert axis.total.interval.high == pytest.approx(by_name[axis.axis].total.interval.high, abs=0.003)
 
 
-@given(st.integers(0, 20))
-@few
-def test_failures_have_the_indices_of_successes(seed):
-    outcomes = drawn(linear, seeds=6, points=128, seed=seed)
-    there, back = sobol_indices(outcomes, names(3)), sobol_indices(1 - outcomes, names(3))
-    assert (there.axes is None) == (back.axes is None)
-    if there.axes is not None:
-        assert np.array(ends(there)) == pytest.approx(np.array(ends(back)), abs=0.003)
-
-
 @given(st.integers(0, 200), st.sampled_from([2, 4, 16]), st.integers(2, 4), st.integers(1, 3))
 @few
 def test_estimates_and_intervals_are_shares_and_an_estimate_lies_in_its_interval(seed, points, seeds, axes):
@@ -143,11 +133,6 @@ def test_outcomes_without_an_effect_of_axes_have_no_indices():
     assert found.axes is None
     assert found.explained.interval.low == 0
     assert sobol_indices(half[..., :9], names(3)).explained.interval is None
-
-
-def test_outcomes_that_depend_on_the_seed_alone_have_no_indices():
-    outcomes = np.broadcast_to([0.0, 1.0, 1.0, 0.0], (64, 5, 4))
-    assert sobol_indices(outcomes, names(3)).axes is None
 
 
 def test_two_seeds_give_indices_without_intervals():

@@ -12,7 +12,6 @@ from robogauntlet.results.statistics.worst_case import (
     MOST_EPISODES,
     SearchSpace,
     least_budget,
-    norm_of,
     search_worst_cases,
 )
 from robogauntlet.suites.episode import FIRST_TRAINING_SEED
@@ -130,13 +129,6 @@ def test_an_interaction_beyond_the_sum_is_found_in_a_pair():
     assert all(one.axes[0].boundary.value is None for one in found)
 
 
-def test_a_search_of_the_same_answers_asks_the_same_again():
-    first, second = [], []
-    one, other = (run(Policy(a=2.0, b=3.0), 200, rounds=rounds) for rounds in (first, second))
-    assert first == second
-    assert one == other
-
-
 @pytest.mark.parametrize(("count", "budget"), [(1, 40), (2, 100), (3, 250), (18, 420), (18, 5000)])
 def test_the_budget_is_kept_and_no_seed_of_the_search_confirms(count, budget):
     rounds = []
@@ -165,14 +157,6 @@ def test_of_limited_start_states_none_is_played_twice_and_none_of_the_search_con
     assert not confirming & searching
     assert confirming | searching <= set(range(states))
     assert found.axes[0].boundary.value == pytest.approx(policy.alone("axis0"), abs=0.8)
-
-
-def test_even_the_largest_budget_keeps_the_seeds_apart():
-    for count in (1, 2):
-        rounds = []
-        run(Policy(**{f"axis{n}": 2.0 + n for n in range(count)}), MOST_EPISODES, rounds=rounds)
-        assert max(one.seeds.stop for one in rounds if one.stage != "confirmation") <= FIRST_CONFIRMATION_SEED
-        assert max(one.seeds.stop for one in rounds) < FIRST_TRAINING_SEED
 
 
 def test_axes_that_do_not_combine_are_never_combined():
@@ -225,7 +209,3 @@ def test_excess_with_the_whole_clean_rate_is_the_interval_of_a_difference():
     low, high = excess(Trials(56, 70), Trials(48, 80), 1.0)
     assert (low, high) == pytest.approx((0.0524, 0.3339), abs=1e-4)  # Newcombe 1998, table II, method 10
     assert excess(Trials(), Trials(5, 5), 0.5) == (-1.0, 1.0)
-
-
-def test_the_norm_is_euclidean():
-    assert norm_of((("a", 3.0), ("b", 4.0))) == 5.0
