@@ -1,0 +1,1 @@
+"""What each perturbation axis does to the shipped policies."""
