@@ -152,10 +152,6 @@ TYPED = {
     # schedules, axes, environments, adapters
     "schedule run nightly": "schedules.yaml: no such file",
     "schedule print cron notes": "notes: expected a file of schedules, this is a directory",
-    "list axes --pictures x.png": "--pictures: expected the axis to draw",
-    "list axes noise --task null/Reach": "--task: expected with --pictures",
-    "list axes noise --pictures x.jpg": "expected a file that ends in .png for --pictures, got 'x.jpg'",
-    "list axes noise --pictures x.png --task Reach": "unknown simulator 'Reach'; known: gymnasium",
     "env create liberro": "unknown simulator 'liberro'; did you mean 'libero'?",
     "env remove '*'": "*: no environment of that name",
     "check adapter null --task Reech": "unknown task 'null/Reech'; did you mean 'null/Reach'?",
@@ -193,11 +189,6 @@ WITH_FILES = [
         {"runs/monday/episodes.sqlite": None},
     ),
     ("export runs/monday --out new", "expected a store, this file", {"runs/monday/episodes.sqlite": b"x" * 10_000}),
-    (
-        "list axes noise --pictures a.png",
-        "a.png: expected a new file, or a contact sheet to",
-        {"a.png": b"\x89PNG\r\n"},
-    ),
     (
         PLAY.format("python:broken:Policy"),
         "importing 'broken' raised SyntaxError: invalid syntax (broken.py, line 1)",

@@ -11,8 +11,12 @@ from PIL import Image, ImageDraw, ImageFont
 from robogauntlet.adapters.contract import ActionSpec, FloatArray
 from robogauntlet.adapters.contract import Image as Pixels
 from robogauntlet.orchestrator.kit.policy.motion import Movement, describe
-from robogauntlet.orchestrator.replay.contact_sheet import INK, LABEL_WIDTH, PAPER, draw_grid
 
+HEADING_HEIGHT, LABEL_WIDTH, GAP = 24, 160, 4
+"""Height of headings, width of labels, and space between images (px)."""
+TEXT_SIZE, SMALLEST_SIZE = 14, 8
+"""Sizes of the font (px)."""
+PAPER, INK = (255, 255, 255), (28, 35, 40)
 CHART_WIDTH, CHART_HEIGHT, TEXT_WIDTH, MARGIN = 360, 46, 430, 10
 LINE, BOUND, ZERO = (31, 90, 170), (200, 60, 50), (205, 205, 205)
 SMALLEST = 192
@@ -43,7 +47,7 @@ def draw_picture(
     parts = [_text_line(title), charts]
     if images:
         rows = [(label, [_enlarged(shown[name]) for name in names]) for label, shown in images]
-        parts.insert(1, draw_grid(names, rows))
+        parts.insert(1, _grid(names, rows))
     page = Image.new("RGB", (max(part.width for part in parts), sum(part.height for part in parts)), PAPER)
     top = 0
     for part in parts:
@@ -93,3 +97,28 @@ def _charts(actions: FloatArray, spec: ActionSpec, effects: Mapping[str, str]) -
         draw.line(points, fill=LINE, width=2)
         draw.text((left + CHART_WIDTH + 8, middle - 8), told.get(name, ""), fill=INK, font=font)
     return page
+
+
+def _grid(headings: Sequence[str], rows: Sequence[tuple[str, Sequence[Pixels]]]) -> Image.Image:
+    """Draw labelled rows of images, a column per heading."""
+    shapes = [image.shape for _, columns in rows for image in columns]
+    width, height = max(shape[1] for shape in shapes), max(shape[0] for shape in shapes)
+    size = LABEL_WIDTH + len(headings) * (width + GAP), HEADING_HEIGHT + len(rows) * (height + 2 * GAP)
+    page = Image.new("RGB", size, PAPER)
+    draw = ImageDraw.Draw(page)
+    for column, heading in enumerate(headings):
+        _write_fitting(draw, (LABEL_WIDTH + column * (width + GAP), GAP), heading, width)
+    top = HEADING_HEIGHT
+    for label, columns in rows:
+        _write_fitting(draw, (GAP, top), label, LABEL_WIDTH - 3 * GAP)
+        for column, image in enumerate(columns):
+            page.paste(Image.fromarray(image), (LABEL_WIDTH + column * (width + GAP), top))
+        top += height + 2 * GAP
+    return page
+
+
+def _write_fitting(draw: ImageDraw.ImageDraw, place: tuple[int, int], text: str, width: int) -> None:
+    """Write a line in the largest font in which it is at most `width` wide (px)."""
+    fonts = (ImageFont.load_default(pixels) for pixels in range(TEXT_SIZE, SMALLEST_SIZE - 1, -1))
+    font = next((font for font in fonts if font.getlength(text) <= width), ImageFont.load_default(SMALLEST_SIZE))
+    draw.text(place, text, fill=INK, font=font)

@@ -11,11 +11,8 @@ import time
 import pandas as pd
 import pytest
 
-from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED
-from robogauntlet.orchestrator.cli.list.axes import _supporting_tasks
 from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.suites.axes import AXES
 from tests import ROOT
 from tests.jobs import mostly_nightly
 from tests.processes import GAUNTLET, run_gauntlet
@@ -102,15 +99,6 @@ def test_axes_are_listed_and_shown_by_name(run_command):
     shown = run_command("list", "axes", "noise").out
     assert "noise: Independent Gaussian noise" in shown
     assert "18.4" in shown
-
-
-def test_a_sheet_shows_each_simulators_first_task_that_supports_the_axis():
-    assert _supporting_tasks(catalog.find("pybullet"), AXES["dynamics"]) == [
-        "pybullet/PandaPush-v3",
-        "pybullet/PandaPickAndPlace-v3",
-    ]
-    assert _supporting_tasks(catalog.find("pybullet"), AXES["noise"])[0] == "pybullet/PandaReach-v3"
-    assert _supporting_tasks(catalog.find("null"), AXES["table"]) == []
 
 
 def test_a_part_of_a_suite_is_planned(run_command, suite):
