@@ -1,8 +1,8 @@
-"""Reads suite and configuration files. Reports every mistake with file, line and the nearest valid name."""
+"""Reads suite and configuration files. Reports mistakes with file, line and the nearest valid name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -31,12 +31,8 @@ from robogauntlet.suites.yaml_file import Place, YamlError, parse_yaml, read_yam
 from robogauntlet.support.errors import UserError, plain_words
 from robogauntlet.support.text import shortened, visible
 
-REQUIRED: dict[str, Any] = {"name": "suite", "policies": ["oracle"], "tasks": ["null/Reach"], "seeds": {"count": 1}}
-"""Stand in for required keys that are missing or wrong, while the other keys are checked."""
 LONGEST_MESSAGE, LONGEST_VALUE = 400, 60
 """Characters of a message, and of a wrong value in it."""
-ROLES = ("oracle_gate", "no_skill_baselines", "merging", "compare", "adaptive")
-"""Keys that name policies of the suite."""
 Model = TypeVar("Model", Suite, Config)
 
 
@@ -53,13 +49,10 @@ class Problem:
 
 
 class SuiteError(UserError):
-    """A suite file with mistakes. The message has one line per problem, up to `MOST_MISTAKES`.
+    """A suite file with mistakes. The message has one line per problem, up to `MOST_MISTAKES`."""
 
-    `rest` is the suite without its wrong entries, with stand-ins for missing keys; None if that is no suite.
-    """
-
-    def __init__(self, problems: list[Problem], rest: Suite | None = None) -> None:
-        self.problems, self.rest = sorted(problems, key=lambda p: p.line or 0), rest
+    def __init__(self, problems: list[Problem]) -> None:
+        self.problems = sorted(problems, key=lambda p: p.line or 0)
         if len(problems) > MOST_MISTAKES:
             more = Problem(problems[0].path, None, f"more than {MOST_MISTAKES} mistakes, of which these are shown:")
             self.problems = [*dict.fromkeys([more, *self.problems[:MOST_MISTAKES]])]
@@ -75,7 +68,7 @@ def load_suite(path: Path, names: Registry, text: str | None = None) -> Suite:
         text: Its text, if it is not written yet.
 
     Raises:
-        SuiteError: Holds every problem found.
+        SuiteError: Holds every mistake of form, or if there is none every unknown name.
     """
     text = _read(path, "a suite file") if text is None else text
     suite = _load(path, text, Suite, partial(check_names, names=names), "name, policies, tasks and seeds")
@@ -100,47 +93,16 @@ def _load(path: Path, text: str, model: type[Model], check: Callable[[Model], Se
     is_empty = all(not line.strip() or line.lstrip().startswith("#") for line in text.splitlines())
     data, lines = _parse(path, "{}" if is_empty and model is Config else text, keys)
     with few_hints():
-        return _checked(path, data, lines, model, check)
-
-
-def _checked(
-    path: Path,
-    data: dict[str, Any],
-    lines: dict[Place, int],
-    model: type[Model],
-    check: Callable[[Model], Sequence[Mistake]],
-) -> Model:
-    try:
-        loaded = model.model_validate(data)
-    except ValidationError as error:
-        # A list with wrong entries is also called too short.
-        errors = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]][: MOST_MISTAKES + 1]
-        wrong: list[Mistake] = [(_place(e["loc"]), _message(e, model)) for e in errors]
-        if len(wrong) > MOST_MISTAKES:
-            raise _refusal(path, lines, wrong) from None
-        wrong += _further_mistakes(data, {place for place, _ in wrong}, model, check)
-        raise _refusal(path, lines, wrong, _rest(data, wrong, model)) from None
-    if mistakes := check(loaded):
-        if len(mistakes) > MOST_MISTAKES:
+        try:
+            loaded = model.model_validate(data)
+        except ValidationError as error:
+            # A list with wrong entries is also called too short.
+            wrong = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
+            places = ((_place(e["loc"]), _message(e, model)) for e in wrong[: MOST_MISTAKES + 1])
+            raise _refusal(path, lines, places) from None
+        if mistakes := check(loaded):
             raise _refusal(path, lines, mistakes)
-        raise _refusal(path, lines, mistakes, _rest(data, mistakes, model))
-    return loaded
-
-
-def _further_mistakes(
-    data: dict[str, Any], wrong: set[Place], model: type[BaseModel], check: Callable[[Any], Sequence[Mistake]]
-) -> Iterator[Mistake]:
-    """Check what is left of a file's data without the entries at these places."""
-    left, kept = _without(data, wrong)
-    try:
-        loaded = model.model_validate(_completed(left, model))
-    except ValidationError:
-        return
-    unclear: set[str] = set() if "policies" in set(left) - set(kept) else set(ROLES)
-    for found, message in check(loaded):
-        key = found[0]
-        if key in left and key not in unclear and (len(found) > 1 or key not in kept):
-            yield (key, kept[key][int(found[1])], *found[2:]) if key in kept else found, message
+        return loaded
 
 
 def problem_at(path: Path, line: int | None, message: str) -> Problem:
@@ -148,38 +110,10 @@ def problem_at(path: Path, line: int | None, message: str) -> Problem:
     return Problem(str(path), line, shortened(visible(message), LONGEST_MESSAGE))
 
 
-def _rest(data: dict[str, Any], mistakes: Iterable[Mistake], model: type[BaseModel]) -> Suite | None:
-    """The suite without the entries that are wrong, or None."""
-    left, _ = _without(data, {place for place, _ in mistakes})
-    try:
-        loaded = model.model_validate(_completed(left, model))
-    except ValidationError:
-        return None
-    return loaded if isinstance(loaded, Suite) else None
-
-
-def _completed(left: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
-    """The data of a file with stand-ins for required keys that it lacks; no robots beside the stand-in for tasks."""
-    required = {key: value for key, value in REQUIRED.items() if key != "policies" or "needs" not in left}
-    kept = {key: value for key, value in left.items() if key != "robots" or "tasks" in left}
-    return {**(required if model is Suite else {}), **kept}
-
-
-def _without(data: dict[str, Any], wrong: set[Place]) -> tuple[dict[str, Any], dict[str | int, list[int]]]:
-    """A file's data without the entries at these places; of lists that lose some, the indices that are kept."""
-    kept: dict[str | int, list[int]] = {}
-    left = {key: value for key, value in data.items() if all(place[:1] != (key,) for place in wrong)}
-    for key in {place[0] for place in wrong if len(place) > 1} - {place[0] for place in wrong if len(place) == 1}:
-        if isinstance(data[str(key)], list):
-            kept[key] = [i for i in range(len(data[str(key)])) if all(place[:2] != (key, i) for place in wrong)]
-            left |= {str(key): [data[str(key)][i] for i in kept[key]]} if kept[key] else {}
-    return left, kept
-
-
-def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake], rest: Suite | None = None) -> SuiteError:
+def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake]) -> SuiteError:
     # Each problem once: a value that fits neither side of a union is reported by both.
     problems = (problem_at(path, _line(lines, place), message) for place, message in mistakes)
-    return SuiteError([*dict.fromkeys(problems)], rest)
+    return SuiteError([*dict.fromkeys(problems)])
 
 
 def policy_lines(text: str) -> dict[str, int]:

@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.runs.suite_simulators import resolve_simulators, 
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported, refuse_imported
 from robogauntlet.suites.checks import training_seeds
 from robogauntlet.suites.episode import Cell
-from robogauntlet.suites.loading import REQUIRED, SuiteError, problem_at
+from robogauntlet.suites.loading import SuiteError, problem_at
 from robogauntlet.suites.registry import Registry
 from robogauntlet.suites.schema import Suite
 from robogauntlet.suites.selection import SuiteSelection
@@ -122,10 +122,7 @@ def make_plan(
         PolicyError: The part names a checkpoint of the zoo that does not exist.
     """
     names = load_registry()
-    try:
-        named = resolve_names(path, text, part, names, require_policy=require_installed)
-    except SuiteError as error:
-        raise _with_policies(error, path, text, names, start=start) from None
+    named = resolve_names(path, text, part, names, require_policy=require_installed)
     environments = EnvironmentResolver(named.suite.environments)
     found = resolve_policies(named.suite, environments, start=start, required=require_installed, fit=named.is_open)
     suite = found.suite
@@ -151,16 +148,6 @@ def make_plan(
         server_metadata=found.server_metadata,
         environments=environments,
     )
-
-
-def _with_policies(error: SuiteError, path: Path, text: str | None, names: Registry, *, start: bool) -> SuiteError:
-    """The mistakes of a suite file, and those of its policies as far as the rest of the file can be used."""
-    if error.rest is None:
-        return error
-    rest = error.rest.with_names(names)
-    known = list(rest.tasks) != REQUIRED["tasks"]
-    found = resolve_policies(rest, EnvironmentResolver(rest.environments), start=start, tasks_are_known=known)
-    return SuiteError([*error.problems, *found.problems(path, _text(path, text))], rest)
 
 
 def _identified(

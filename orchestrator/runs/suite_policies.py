@@ -61,13 +61,7 @@ class SuitePolicies:
 
 
 def resolve_policies(
-    suite: Suite,
-    environments: EnvironmentResolver,
-    *,
-    start: bool,
-    required: bool = False,
-    fit: bool = False,
-    tasks_are_known: bool = True,
+    suite: Suite, environments: EnvironmentResolver, *, start: bool, required: bool = False, fit: bool = False
 ) -> SuitePolicies:
     """Find what each policy of a suite is built from.
 
@@ -78,8 +72,6 @@ def resolve_policies(
         required: Whether each must be usable now: what cannot be checked is a mistake, and functions are asked once.
         fit: Whether the suite leaves out tasks in which one of its policies cannot act, and takes the image size that
             the only one needs that is no reference policy, also where it states another.
-        tasks_are_known: Whether a policy that does not fit the suite is a mistake; not where tasks stand in for wrong
-            ones.
     """
     given, unchecked, found = suite, {}, {}
     mistakes: dict[str, list[str]] = {entry.name: [] for entry in suite.policies}
@@ -90,8 +82,7 @@ def resolve_policies(
         try:
             yield
         except PolicyMismatch as error:
-            if tasks_are_known:
-                mistakes[name].append(f"policy '{name}' does not fit: {error.reason}")
+            mistakes[name].append(f"policy '{name}' does not fit: {error.reason}")
         except PolicyError as error:
             mistakes[name].append(f"policy '{name}': {error.reason}")
 
