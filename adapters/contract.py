@@ -350,8 +350,6 @@ class Simulator:
     """Further requirements, installed without their dependencies."""
     imports: str = ""
     """`MODULE:FUNCTION` that imports the simulator; `robogauntlet env list` calls it in its environment."""
-    definitions: Mapping[str, str] = field(default_factory=dict)
-    """Task to the hash of the file that defines it, where users write such files: a changed file is another task."""
     references: tuple[str, ...] = ()
     """BibTeX entries of the simulator, its tasks and its physics engine, for `robogauntlet report --cite`."""
     adjusts: frozenset[str] = frozenset()

@@ -126,7 +126,7 @@ class Provenance(_Model):
     environments: dict[str, EnvironmentRecord] = Field(default_factory=dict)
     """Simulator to its environment, if it was not the run's own."""
     definitions: dict[str, str] = Field(default_factory=dict)
-    """Task to the hash of the file that defines it, for simulators whose users write such files."""
+    """Task to the hash of the file that defines it, in runs of mappings that were files; else empty."""
 
     @property
     def versions(self) -> dict[str, str]:

@@ -16,7 +16,6 @@ from robogauntlet.support.files import open_regular
 
 MAX_BYTES = 1_000_000
 MAX_VALUES = 100_000
-"""Values in a file, where an alias counts as all the values that it stands for."""
 MAX_DEPTH = 50
 """Lists and mappings inside each other."""
 MAX_DIGITS = 100
@@ -42,7 +41,7 @@ class Document:
     """The values of a YAML text."""
 
     data: Any
-    """None, numbers, text, lists and mappings. A value that has an alias is one object in both places."""
+    """None, numbers, text, lists and mappings."""
     lines: dict[Place, int] = field(default_factory=dict)
     """The line of each place, from 1."""
     duplicates: tuple[tuple[int, str], ...] = ()
@@ -85,7 +84,7 @@ def parse_yaml(text: str) -> Document:
     """Return the values of a YAML text of one document.
 
     Raises:
-        YamlError: It is not YAML, has tags or dates, or exceeds the bounds.
+        YamlError: It is not YAML, has tags, aliases or dates, or exceeds the bounds.
     """
     try:
         loader = _Loader(text)
@@ -93,7 +92,6 @@ def parse_yaml(text: str) -> Document:
             node = loader.get_single_node()
             if node is None:
                 return Document(None)
-            _count(node, {})
             lines: dict[Place, int] = {}
             duplicates: list[tuple[int, str]] = []
             _index(node, (), lines, duplicates)
@@ -125,6 +123,8 @@ class _Loader(yaml.SafeLoader):
         if self._values > MAX_VALUES:
             raise YamlError(f"expected at most {MAX_VALUES} values", self.line + 1)
         event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            raise YamlError(f"expected plain YAML without aliases, found *{event.anchor}", _line(event.start_mark))
         if tag := getattr(event, "tag", None):
             raise YamlError(f"expected plain YAML without tags, found the tag '{tag}'", _line(event.start_mark))
         node = super().compose_node(parent, index)
@@ -145,33 +145,6 @@ def _check(node: yaml.Node) -> None:
         raise YamlError(f"expected a decimal number, or text in quotes; found {node.value}, which YAML converts", line)
     if (wrong := next((c for c in node.value if c == "\0" or "\ud800" <= c <= "\udfff"), None)) is not None:
         raise YamlError(f"expected text that UTF-8 can write, found the character U+{ord(wrong):04X}", line)
-
-
-def _count(node: yaml.Node, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
-    """Return the number and depth of a node's values, with those that aliases stand for; visit each node once."""
-    key = id(node)
-    if key not in known:
-        known[key] = (0, 0)  # in progress
-        size, depth = 1, 1
-        for child in _children(node):
-            below, deep = _count(child, known)
-            if not below:
-                raise YamlError("an alias that contains itself", _line(node.start_mark))
-            size, depth = size + below, max(depth, deep + 1)
-        if size > MAX_VALUES:
-            raise YamlError(f"expected at most {MAX_VALUES} values, its aliases stand for more", _line(node.start_mark))
-        if depth > MAX_DEPTH:
-            raise YamlError(
-                f"expected at most {MAX_DEPTH} lists and mappings inside each other", _line(node.start_mark)
-            )
-        known[key] = (size, depth)
-    return known[key]
-
-
-def _children(node: yaml.Node) -> list[yaml.Node]:
-    if isinstance(node, yaml.MappingNode):
-        return [part for pair in node.value for part in pair]
-    return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
 def _index(node: yaml.Node, place: Place, lines: dict[Place, int], duplicates: list[tuple[int, str]]) -> None:

@@ -92,14 +92,6 @@ def _server_metadata(plan: Plan, document: RunDocument, folder: Path) -> dict[st
     return {**known, **plan.server_metadata}
 
 
-def _definitions(plan: Plan) -> dict[str, str]:
-    """Task of the plan to the current hash of the file that defines it, if it has one."""
-    known = simulators.simulators()
-    tasks = {task: task.partition("/") for task in plan.suite.tasks}
-    hashes = {task: known[simulator].definitions.get(name) for task, (simulator, _, name) in tasks.items()}
-    return {task: file_hash for task, file_hash in hashes.items() if file_hash is not None}
-
-
 def _environment_users(plan: Plan) -> list[EnvironmentUser]:
     """The plan's simulators, and its kinds of policies with requirements."""
     kinds = {source.kind for source in plan.sources.values()}
@@ -122,7 +114,6 @@ def _new_provenance(plan: Plan) -> Provenance:
         cores=os.cpu_count() or 0,
         packages=packages,
         environments={name: record for name, record in records.items() if record is not None},
-        definitions=_definitions(plan),
     )
 
 
@@ -133,12 +124,6 @@ def _continued_provenance(plan: Plan, document: RunDocument, folder: Path) -> Pr
         PlanError: A simulator has changed, so that the run would mix two versions.
     """
     before = document.provenance
-    for task, now in _definitions(plan).items():
-        if (was := before.definitions.get(task, now)) != now:
-            raise PlanError(
-                f"{folder}: expected {task} as it was when the run began ({was}), its file has changed ({now}); "
-                "give another folder with --out"
-            )
     environments = dict(before.environments)
     for user in _environment_users(plan):
         name, record = user.name, plan.environments.record(user)

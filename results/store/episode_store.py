@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -124,16 +123,6 @@ class Store:
             for row in connection.execution_options(yield_per=10_000).execute(query):
                 found.setdefault((row[0], row[1], row[2], row[3]), {})[row[4]] = row[5]
         return found
-
-    def status_counts(self) -> dict[tuple[str, str], int]:
-        """Stored rows by (simulator, status)."""
-        e = episodes.c
-        query = sa.select(e.task, e.status, sa.func.count()).where(e.run_id == self._run_id).group_by(e.task, e.status)
-        counts: Counter[tuple[str, str]] = Counter()
-        with self.database.reading() as connection:
-            for task, status, count in connection.execute(query):
-                counts[task.partition("/")[0], status] += count
-        return dict(counts)
 
     def results(self) -> Iterator[EpisodeResult]:
         """Every row, ordered by simulator, task, policy, condition and seed."""

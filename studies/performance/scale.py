@@ -82,7 +82,7 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
         pool = SimulatedWorkerPool(seconds, clock, event_s=event_s, wait_s=wait_s)
         Scheduler(work_queues(work, 3), pool, options, store.add, observer, now=clock).run()
         makespan, computed = clock(), clock.computed + pool.charged_s
-        stored = sum(store.status_counts().values())
+        stored = sum(map(len, store.outcomes().values()))
         store.close()
     assert stored == episodes, f"{stored} rows of {episodes} episodes"
     return {

@@ -6,24 +6,12 @@ import pytest
 
 from robogauntlet.suites.yaml_file import MAX_BYTES, YamlError, parse_yaml, read_yaml
 
-BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
-    f"{name}: &{name} [{','.join([f'*{before}'] * 9)}]\n" for before, name in zip("abcdefgh", "bcdefghi", strict=True)
-)
-MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
-    f"{name}: &{name}\n  <<: [{','.join([f'*{before}'] * 9)}]\n"
-    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
-)
 REFUSED = {
-    "aliases": (BOMB, "expected at most 100000 values, its aliases stand for more"),
-    "merges": (MERGES, "expected at most 100000 values, its aliases stand for more"),
+    "aliases": ("a: &a [x]\nb: [*a, *a]", "expected plain YAML without aliases, found *a"),
+    "merges": ("a: &a {x: 1}\nb: {<<: *a}", "expected plain YAML without aliases, found *a"),
     "values": ("[" + "1," * 100_001 + "]", "expected at most 100000 values"),
     "nesting": ("[" * 60 + "]" * 60, "expected at most 50 lists and mappings inside each other"),
     "nesting beyond the stack": ("[" * 100_000, "expected at most 50 lists and mappings inside each other"),
-    "nesting by aliases": (
-        "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}]\n" for i in range(1, 60)),
-        "expected at most 50 lists and mappings inside each other",
-    ),
-    "itself": ("&a [*a]", "an alias that contains itself"),
     "digits": ("a: " + "9" * 5000, "expected a number of at most 100 characters, found 5000"),
     "hexadecimal digits": ("a: 0x" + "f" * 5000, "expected a number of at most 100 characters, found 5002"),
     "base 60": ("a: 1" + ":1" * 100_000, "expected a number of at most 100 characters, found 200001"),
@@ -53,7 +41,6 @@ REFUSED = {
     "list as key": ("? [1]\n: 2", "found unhashable key"),
     "two documents": ("a: 1\n--- \nb: 2", "not YAML: but found another document"),
     "tab": ("a:\n\t- b", "not YAML: found character '\\t' that cannot start any token"),
-    "unknown alias": ("a: *b", "not YAML: found undefined alias 'b'"),
 }
 
 
@@ -67,11 +54,10 @@ def test_a_text_beyond_the_bounds_is_refused_at_once(text, line):
     assert time.monotonic() - began < 60
 
 
-def test_aliases_within_the_bounds_are_read():
-    document = parse_yaml("a: &a {x: [1, 2.5, true, null, y]}\nb: *a\nc: {<<: *a, z: 1}\n")
-    x = [1, 2.5, True, None, "y"]
-    assert document.data == {"a": {"x": x}, "b": {"x": x}, "c": {"x": x, "z": 1}}
-    assert document.lines["c", "z"] == 3
+def test_plain_values_are_read_with_their_lines():
+    document = parse_yaml("a: {x: [1, 2.5, true, null, y]}\nb: &b {z: 1}\n")
+    assert document.data == {"a": {"x": [1, 2.5, True, None, "y"]}, "b": {"z": 1}}
+    assert document.lines["b", "z"] == 2
 
 
 def test_keys_that_occur_twice_are_named_with_their_line():

@@ -60,19 +60,6 @@ def test_a_continued_run_may_compare_other_policies(run, suite):
     assert "## Merging and routing" in (run.folder / "report.md").read_text()
 
 
-def test_a_run_is_not_continued_with_a_changed_task_definition(run, suite, monkeypatch):
-    def define(found):
-        null = replace(catalog.find("null"), definitions={"Reach": found})
-        monkeypatch.setattr(catalog, "simulators", lambda: {"null": null})
-
-    path = suite(SUITE.replace("count: 20", "count: 2"))
-    define("a1")
-    assert run(path).document.provenance.versions["null/Reach"] == "a1"
-    define("b2")
-    with pytest.raises(PlanError, match=r"expected null/Reach as it was .*\(a1\), its file has changed \(b2\); give"):
-        run(path)
-
-
 @pytest.mark.parametrize(
     ("lines", "name"),
     [
