@@ -52,11 +52,11 @@ BUDGETS = {
     "orchestrator": 21_597,
     "adapters": 8_683,
     "policies": 6_416,
-    "mergevla": 9_008,
-    "results": 14_233,
+    "mergevla": 9_004,
+    "results": 14_035,
     "suites": 2_770,
     "src/robogauntlet": 972,
-    "tests": 46_675,
+    "tests": 46_577,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

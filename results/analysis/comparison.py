@@ -197,7 +197,7 @@ def compare_runs(
                 identical=int((own["actions_hash"] == own["actions_hash_before"]).sum()),
                 errors=errors.get(name, (0, 0)),
                 unpaired=unpaired.get(name, (0, 0)),
-                behaviour=compare_behaviour(own, alpha, (name,)),
+                behaviour=compare_behaviour(own, alpha),
             )
         )
     moved = adjusted([one.behaviour for one in comparisons])

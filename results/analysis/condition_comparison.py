@@ -12,19 +12,12 @@ from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes
 from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument, RunStatus
-from robogauntlet.results.statistics.aggregate import (
-    DRAWS,
-    Outcomes,
-    mean_of_levels,
-    mean_outcomes,
-    percentile_interval,
-    resampled_means,
-)
+from robogauntlet.results.statistics.aggregate import Outcomes, mean_of_levels
 from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochberg
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
-from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
+from robogauntlet.results.statistics.rates import Estimate, Interval
 from robogauntlet.results.statistics.sequential import paired_evidence
-from robogauntlet.suites.episode import CLEAN, content_hash
+from robogauntlet.suites.episode import CLEAN
 from robogauntlet.suites.schema import AdaptiveEntry
 
 
@@ -153,7 +146,8 @@ def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> Con
             if len(levels) < 2 or levels[0] != 0 or not strata:
                 continue
             rows += [row for row in _loss_rows(policy, axis, levels, strata) if row.severity or not rows]
-            interactions.append(interaction(policy, axis, len(levels), strata, len(axes)))
+            if (beyond := interaction(policy, axis, strata, len(axes))) is not None:
+                interactions.append(beyond)
         adjusted = benjamini_hochberg([row.p for row in rows])
         losses += [replace(row, adjusted=p) for row, p in zip(rows, adjusted, strict=True)]
         if sides.margin is not None and document.suite.adaptive is None:  # it holds for a number of seeds fixed before
@@ -209,32 +203,23 @@ def _loss_rows(policy: str, axis: str, levels: Sequence[int], strata: Sequence[N
     return rows
 
 
-def interaction(
-    policy: str, axis: str, levels: int, strata: Sequence[NDArray[np.floating]], axes: int, draws: int = DRAWS
-) -> Interaction:
-    """Estimate the loss against the baseline under an axis beyond the clean loss.
+def interaction(policy: str, axis: str, strata: Sequence[Outcomes], axes: int) -> Interaction | None:
+    """Estimate the loss against the baseline under an axis beyond the clean loss, with Student's intervals.
 
     Args:
         policy: The other policy.
         axis: The axis.
-        levels: Number of levels of each policy, including clean, which comes first.
-        strata: Per task, shape (seeds, 2 x levels), the baseline first; see `EligibleEpisodes.paired`.
+        strata: Per task, shape (seeds, 2 x levels), the baseline first, clean the first level of each; see
+            `EligibleEpisodes.paired`.
         axes: Number of axes of the simultaneous interval.
-        draws: Number of bootstrap samples.
+
+    Returns:
+        None without a seed that both played clean and at a level.
     """
-    generator = np.random.default_rng(int(content_hash(["interaction", policy, axis]), 16))
-    value = float(_extra(mean_outcomes(strata)[None], levels)[0])
-    drawn = _extra(resampled_means(strata, generator, draws), levels)
-    interval, corrected = (percentile_interval(drawn, confidence) for confidence in (CONFIDENCE, 1 - ALPHA / axes))
-    return Interaction(policy, axis, len(strata), Estimate(value, interval), corrected)
-
-
-def _extra(means: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Mean loss over perturbed levels minus clean loss (draws,), from means (draws, strata, 2 x levels)."""
-    loss = means[..., :levels] - means[..., levels:]
-    with np.errstate(invalid="ignore"):
-        by_level = np.nanmean(loss[..., 1:] - loss[..., :1], axis=-2)
-    return np.asarray(by_level.mean(axis=-1), dtype=np.float64)
+    losses = [first - second for first, second in (np.hsplit(outcomes, 2) for outcomes in strata)]
+    beyond = [loss[:, 1:] - loss[:, :1] for loss in losses]
+    own, all_axes = (mean_of_levels(beyond, 1 - alpha) for alpha in (ALPHA, ALPHA / axes))
+    return None if own is None or all_axes is None else Interaction(policy, axis, len(strata), own, all_axes.interval)
 
 
 def equivalence(policy: str, strata: Sequence[Outcomes], margin: float) -> Equivalence | None:
@@ -273,23 +258,3 @@ def _routers(document: RunDocument, eligible: EligibleEpisodes, policy: str, axi
             rates = (Rate.from_counts(int(hits.sum()), trials) for hits, trials in counts)
             rows.append(RouterRow(policy, axis, severity, *rates))
     return rows
-
-
-def first_to_fail(rows: Sequence[RouterRow]) -> str | None:
-    """Attribute the first significant loss along an axis to the router or the policy.
-
-    `rows` are those of one policy along one axis, the clean condition first. Returns `router` if more than half of the
-    loss at the first level with a significant loss is on misrouted episodes, else `policy`; None without such a level.
-    """
-    if len(rows) < 2 or rows[0].severity:
-        return None
-    clean = rows[0].success
-    clean_interval, clean_rate = clean.interval, clean.rate
-    for row in rows[1:]:
-        ends = row.success.interval
-        if clean_interval is None or clean_rate is None or ends is None or ends.high >= clean_interval.low:
-            continue
-        lost = clean_rate * row.success.trials - row.success.successes
-        on_misrouted = clean_rate * row.misrouted.trials - row.misrouted.successes
-        return "router" if on_misrouted > lost / 2 else "policy"
-    return None

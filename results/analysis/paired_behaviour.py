@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robogauntlet.results.analysis.contrasts import together
 from robogauntlet.results.analysis.failures import OTHER, OUTCOMES
 from robogauntlet.results.record import BEHAVIOUR, Status, known_kind
 from robogauntlet.results.statistics.paired_numbers import can_reject_symmetry, median_difference, signed_rank
 from robogauntlet.results.statistics.rates import Estimate
-from robogauntlet.suites.episode import content_hash
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,13 +65,12 @@ class BehaviourComparison:
     """Outcomes of all pairs in which a side failed."""
 
 
-def compare_behaviour(shared: pd.DataFrame, alpha: float, key: Sequence[str]) -> BehaviourComparison | None:
+def compare_behaviour(shared: pd.DataFrame, alpha: float) -> BehaviourComparison | None:
     """Compare two sides.
 
     Args:
         shared: A row per pair with the columns `COLUMNS`; those of the second side end in `_before`.
         alpha: 1 - alpha is the confidence of intervals.
-        key: Names the comparison; the bootstrap draws by it.
 
     Returns:
         The comparison, not yet adjusted; None if the behaviour of a side was not measured.
@@ -83,23 +78,19 @@ def compare_behaviour(shared: pd.DataFrame, alpha: float, key: Sequence[str]) ->
     if any(shared[[f"{name}{side}" for name in BEHAVIOUR]].isna().to_numpy().all() for side in ("", "_before")):
         return None
     won = shared[(shared["status"] == str(Status.SUCCESS)) & (shared["status_before"] == str(Status.SUCCESS))]
-    generator = np.random.default_rng(int(content_hash(["behaviour", *key]), 16))
-    lines = [_line(won, name, alpha, generator) for name in MEASURES]
+    lines = [_line(won, name, alpha) for name in MEASURES]
     return BehaviourComparison(len(won), tuple(line for line in lines if line is not None), outcome_changes(shared))
 
 
-def _line(won: pd.DataFrame, name: str, alpha: float, generator: np.random.Generator) -> MeasureLine | None:
+def _line(won: pd.DataFrame, name: str, alpha: float) -> MeasureLine | None:
     """None with too few pairs."""
     values = (won[name].astype(float) - won[f"{name}_before"].astype(float)).rename("difference")
     known = won[["task", "seed"]].astype({"task": str}).assign(difference=values).dropna()
-    trials = known.groupby(["task", "seed"])["difference"].mean().round(DIGITS).reset_index()
+    trials = known.groupby(["task", "seed"])["difference"].mean().round(DIGITS).to_numpy(float)
     if len(trials) < LEAST_PAIRS:
         return None
-    differences: NDArray[np.float64] = trials["difference"].to_numpy(float)
-    strata = np.unique(trials["task"], return_inverse=True)[1].reshape(-1)
-    estimate = median_difference(differences, strata, generator, 1 - alpha)
-    is_tested = can_reject_symmetry(differences, alpha)
-    return MeasureLine(name, len(trials), estimate, signed_rank(differences), is_tested)
+    estimate, is_tested = median_difference(trials, 1 - alpha), can_reject_symmetry(trials, alpha)
+    return MeasureLine(name, len(trials), estimate, signed_rank(trials), is_tested)
 
 
 def outcome_changes(shared: pd.DataFrame) -> tuple[OutcomeChange, ...]:

@@ -227,7 +227,7 @@ def _paired(first: PolicyRows, second: PolicyRows, alpha: float, allowed: Set[Di
         perturbed_changes=outcome_changes(perturbed),
         perturbed_left_out=(len(first.perturbed) - len(perturbed), len(second.perturbed) - len(perturbed)),
     )
-    behaviour = compare_behaviour(clean, alpha, (first.side.policy, second.side.policy))
+    behaviour = compare_behaviour(clean, alpha)
     return _Paired(complete, behaviour, clean[list(OUTCOMES)], perturbed[[*OUTCOMES, "axis", "severity"]])
 
 

@@ -17,7 +17,7 @@ from robogauntlet.results.statistics.aggregate import mean_outcomes
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.results.statistics.severity import SeverityCurve, severity_curve
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.episode import CLEAN, CONTROLS, content_hash
+from robogauntlet.suites.episode import CLEAN, CONTROLS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -192,8 +192,9 @@ def _curve(
     strata = eligible.outcomes(cells, levels)
     if len(levels) < 2 or levels[0] != 0 or not strata:
         return None
-    generator = np.random.default_rng(int(content_hash([policy, simulator, axis]), 16))
-    curve = severity_curve(strata, levels, generator, baselines=_no_skill_rates(cells, levels, eligible, baselines))
+    ordered = axis not in AXES or AXES[axis].ordered
+    subtracted = _no_skill_rates(cells, levels, eligible, baselines)
+    curve = severity_curve(strata, levels, baselines=subtracted, ordered=ordered)
     episodes = tuple(sum(int((outcomes[:, i] >= 0).sum()) for outcomes in strata) for i in range(len(levels)))
     return PolicyCurve(policy, simulator, axis, len(strata), max(map(len, strata)), episodes, curve)
 

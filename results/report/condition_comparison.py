@@ -11,7 +11,6 @@ from robogauntlet.results.analysis.condition_comparison import (
     Interaction,
     LossRow,
     Saving,
-    first_to_fail,
 )
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
@@ -167,16 +166,14 @@ def plot_position(value: float) -> float:
 
 
 def router_table(comparison: ConditionComparison) -> TextTable:
-    """Router accuracy and success at every level, and whether router or policy failed first."""
+    """Router accuracy and success at every level."""
     lines = []
     for _, group in groupby(comparison.routers, key=lambda row: (row.policy, row.axis)):
-        rows = list(group)
-        first = first_to_fail(rows) or "not shown"
-        for number, row in enumerate(rows):
+        for row in group:
             condition = condition_text(row.axis, row.severity) if row.severity else f"clean ({row.axis})"
             rates = map(share, (row.right, row.success, row.misrouted))
-            lines.append((row.policy, condition, *rates, "" if number else first))
-    header = ("policy", "condition", "router accuracy", "success", "success if misrouted", "failed first")
+            lines.append((row.policy, condition, *rates))
+    header = ("policy", "condition", "router accuracy", "success", "success if misrouted")
     return TextTable(header, tuple(lines), 2)
 
 

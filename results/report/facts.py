@@ -48,29 +48,27 @@ DEFINITIONS = {
     "severity curve": "Success at each severity with Wilson interval; tasks have equal weight. "
     "Drop: clean rate minus rate on the same seeds, with Newcombe's paired interval (95 %).",
     "area kept": "Area under success relative to the clean rate, divided by the range of severities: 1 if nothing is "
-    "lost. Only if the clean rate significantly exceeds 20 %. This interval and the next are a bootstrap of seeds "
-    "within tasks, and absent if all bootstrap values are equal.",
+    "lost. Only if the clean rate significantly exceeds 20 %. Student's interval (95 %) for the spread of seeds within "
+    "tasks, absent where they do not differ.",
     "half lost at": "Severity at which a monotone fit has lost half of the clean rate; > means beyond the last one.",
     "trend p": "One-sided p-value of the hypothesis that success does not fall with severity, conditional on the "
-    "successes of each seed; not adjusted for the number of axes.",
+    "successes of each seed; not adjusted for the number of axes. An axis whose severities are kinds has no trend, "
+    "area or half.",
     "findings": "From the tests below: drops by the trend test, adjusted over the axes of a policy (Holm, 5 %), "
     "and differences of policies if the simultaneous interval for all axes excludes 0. Equivalence over all levels, "
     "levels and tasks having equal weight: Student's 90 % interval lies within the margin (two one-sided tests).",
-    "all axes": "Over all levels of all axes, with equal weight of tasks: mean; interquartile mean (IQM); mean "
-    "of the worst fifth of the levels (CVaR); and the axis with the lowest mean, with the share of bootstrap samples "
-    "in which it is the lowest as well. Intervals by a bootstrap of seeds within tasks, absent for equal values; "
-    "the interval of the worst axis is not corrected for the selection of that axis.",
+    "all axes": "Over all levels of all axes, with equal weight of tasks: the mean, and the axis with the lowest mean. "
+    "Without intervals: the lowest of many rates is too low by chance, and near 100 % a few seeds decide the mean.",
     "agreement": "Whether two simulators order the axes alike by success lost. Kendall's tau-b: 1 for the same order, "
-    "-1 for the opposite; its bootstrap interval covers other seeds for the same axes (noise pulls it towards 0). p "
-    "is one-sided, for independent orders. MMRV: mean over axes of the largest rank violation, in percentage points "
-    "of the first simulator. Tasks differ between simulators, too.",
+    "-1 for the opposite; p is one-sided, for independent orders. MMRV: mean over axes of the largest rank violation, "
+    "in percentage points of the first simulator. No intervals: chance pulls tau towards 0 and raises MMRV. Tasks "
+    "differ between simulators, too.",
     "heat map": "Success with Wilson interval, and the number of episodes that count; tasks have equal weight.",
     "lost against": "Baseline minus policy on the same seeds, with Newcombe's paired interval; p of the exact McNemar "
     "test, adjusted over all levels of the policy (Benjamini-Hochberg): exploratory.",
     "lost beyond clean": "Mean loss over the severities of an axis minus the loss under the clean condition. "
-    "Intervals by a bootstrap of seeds within tasks, for each axis (95 %) and simultaneous for all axes (Bonferroni).",
-    "failed first": "At the first level with success significantly below the clean rate (disjoint intervals): the "
-    "router if more than half of the loss is on misrouted episodes, else the policy.",
+    "Student's intervals for the spread of seeds within tasks, for each axis (95 %) and simultaneous for all axes "
+    "(Bonferroni).",
     "difference": "Success rate of the first policy minus that of the second on the same clean episodes (task, seed "
     "and protocol), in percentage points, with Newcombe's paired interval (95 %, not adjusted). Episodes without a "
     "verdict of both are left out.",

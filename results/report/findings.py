@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robogauntlet.results.analysis.condition_comparison import ConditionComparison, first_to_fail
+from robogauntlet.results.analysis.condition_comparison import ConditionComparison
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.condition_comparison import condition_text, equivalence_sentence, worst_level
@@ -27,7 +27,6 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
     sentences = [sentence for policy in policies for sentence in _drops(robustness, policy)]
     if robustness.condition_comparison is not None:
         sentences += _merging(robustness.condition_comparison)
-        sentences += _routers(robustness.condition_comparison)
     if robustness.summary is not None:
         sentences += agreement_findings(robustness.summary)
     sentences += _controls(robustness)
@@ -103,20 +102,6 @@ def _merging(comparison: ConditionComparison) -> list[str]:
                 f"{policy}: no axis was shown to change its loss against {comparison.baseline} from the clean loss "
                 f"({formatting.counted(len(rows), 'axis', 'axes')} tested together)."
             )
-    return sentences
-
-
-def _routers(comparison: ConditionComparison) -> list[str]:
-    sentences = []
-    for policy in comparison.others:
-        axes = dict.fromkeys(row.axis for row in comparison.routers if row.policy == policy)
-        rows = {axis: [r for r in comparison.routers if (r.policy, r.axis) == (policy, axis)] for axis in axes}
-        first = {axis: first_to_fail(rows[axis]) for axis in axes}
-        for what in ("router", "policy"):
-            names = [axis for axis, failed in first.items() if failed == what]
-            if names:
-                under = _listed(names) if len(names) <= 2 * MAX_NAMED else f"{len(names)} of {len(first)} axes"
-                sentences.append(f"{policy}: the {what} failed first under {under}.")
     return sentences
 
 

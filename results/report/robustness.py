@@ -76,13 +76,11 @@ def _level(axis: str, severity: int) -> str:
     return f"{severity}: {AXES[axis].value(severity):g}" if axis in AXES else str(severity)
 
 
-def half_lost_text(estimate: Estimate | None, last: float) -> str:
-    """A severity such as `3.1 [2.6, >5]`; infinity is beyond the last level."""
-    if estimate is None or math.isnan(estimate.value):
+def half_lost_text(severity: float | None, last: float) -> str:
+    """A severity such as `3.1`, or `>5`: beyond the last level."""
+    if severity is None or math.isnan(severity):
         return NOTHING
-    ends = () if estimate.interval is None else (estimate.interval.low, estimate.interval.high)
-    value, *shown = (f">{last:g}" if math.isinf(end) else f"{end:.1f}" for end in (estimate.value, *ends))
-    return f"{value} [{', '.join(shown)}]" if shown else value
+    return f">{last:g}" if math.isinf(severity) else f"{severity:.1f}"
 
 
 def delivered_table(robustness: Robustness) -> TextTable:
@@ -159,16 +157,14 @@ def oracle_gate_sentence(robustness: Robustness) -> str:
 
 
 def summary_table(summary: RobustnessSummary) -> TextTable:
-    """Mean success, interquartile mean and worst fifth of all levels, per policy and simulator."""
-    header = ("policy", "simulator", "mean", "IQM", "worst fifth", "worst axis", "its rate", "worst in")
-    return TextTable((*header, "levels"), tuple(_summary_line(row) for row in summary.rows), 2)
+    """Mean success over all levels and the worst axis, per policy and simulator."""
+    header = ("policy", "simulator", "mean", "worst axis", "its rate", "levels")
+    return TextTable(header, tuple(_summary_line(row) for row in summary.rows), 2)
 
 
 def _summary_line(row: SummaryRow) -> tuple[str, ...]:
-    worst = row.worst
-    worst_cells = (worst.axis, rate(worst.rate), formatting.percent(worst.certainty))
-    means = map(rate, (row.mean, row.middle, row.tail))
-    return (row.policy, row.simulator or "all", *means, *worst_cells, formatting.count(row.conditions))
+    mean, worst = map(formatting.percent, (row.mean, row.worst))
+    return (row.policy, row.simulator or "all", mean, row.worst_axis, worst, formatting.count(row.conditions))
 
 
 def agreement_table(summary: RobustnessSummary) -> TextTable:
@@ -178,7 +174,7 @@ def agreement_table(summary: RobustnessSummary) -> TextTable:
 
 
 def _agreement(row: AgreementRow) -> tuple[str, ...]:
-    tau = NOTHING if row.tau is None else number(row.tau)
+    tau = NOTHING if row.tau is None else f"{row.tau:.2f}"
     p = NOTHING if row.p is None else p_value(row.p)
     return (row.policy, f"{row.one}, {row.other}", tau, p, f"{100 * row.violation:.1f}", formatting.count(row.axes))
 
@@ -191,7 +187,7 @@ def agreement_findings(summary: RobustnessSummary) -> list[str]:
         adjusted = holm([1.0 if row.p is None else row.p for row in rows])
         shown = [row for row, p in zip(rows, adjusted, strict=True) if p <= ALPHA]
         if shown:
-            parts = [f"{row.one} and {row.other} (tau {number(row.tau)})" for row in shown]
+            parts = [f"{row.one} and {row.other} (tau {row.tau:.2f})" for row in shown]
             sentences.append(f"{policy}: {', '.join(parts)} order the axes alike by success lost.")
         if len(shown) < len(rows):
             pairs = ", ".join(f"{row.one} and {row.other}" for row in rows if row not in shown)

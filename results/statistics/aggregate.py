@@ -1,4 +1,4 @@
-"""Means over many cells, means of the worst cells, and bootstrap intervals that keep pairs together."""
+"""Means over many cells, with an interval that keeps the cells of a trial together."""
 
 from __future__ import annotations
 
@@ -10,61 +10,8 @@ from numpy.typing import NDArray
 
 from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
 
-DRAWS = 2000
-WORST_SHARE = 0.2
-"""Share of the values that `tail_mean` averages."""
-MISSING = -1e300
-"""Stands for an outcome without a verdict while trials are counted."""
-
 Outcomes = NDArray[np.floating]
 """Shape (trials, arms): the outcome of each arm on the same trial, NaN where it has no verdict."""
-
-
-def interquartile_mean(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Mean of the middle half along the last axis (IQM): a quarter of the values, rounded down, is cut on each side.
-
-    R. Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice" (NeurIPS 2021), as rliable
-    computes it. With fewer than eight values it is nearly a median.
-    """
-    from scipy.stats import trim_mean
-
-    return np.asarray(trim_mean(values, proportiontocut=0.25, axis=-1))
-
-
-def tail_mean(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Mean of the worst `WORST_SHARE` along the last axis, the number of values rounded up: CVaR.
-
-    R. T. Rockafellar and S. Uryasev, J. Risk 2 (2000) 21-41, of a sample with equal weights.
-    """
-    worst = np.sort(np.asarray(values, dtype=float), axis=-1)
-    count = max(1, math.ceil(WORST_SHARE * worst.shape[-1] - 1e-9))
-    return np.asarray(np.take(worst, range(count), axis=-1).mean(axis=-1))
-
-
-def resampled_means(
-    strata: Sequence[Outcomes], generator: np.random.Generator, draws: int = DRAWS
-) -> NDArray[np.float64]:
-    """Mean outcomes of each arm in each stratum, in bootstrap samples: whole trials are drawn within each stratum.
-
-    Arms of one trial stay together, so that comparisons of arms keep their pairing; strata are fixed, as tasks and
-    simulators are. Of n trials n - 1 are drawn: n would make the intervals of small strata too narrow by a factor of
-    sqrt((n - 1) / n) (P. J. McCarthy and C. B. Snowden, "The bootstrap and finite population sampling" 1985).
-
-    Returns:
-        Shape (draws, strata, arms); NaN where no trial drawn has a verdict.
-    """
-    found = np.empty((draws, len(strata), strata[0].shape[1] if strata else 0))
-    for number, outcomes in enumerate(strata):
-        # How often each kind of trial is drawn, not the trials themselves: one matrix product per stratum, and of
-        # outcomes that are 0, 1 or missing there are few kinds.
-        kinds, counts = np.unique(np.nan_to_num(outcomes, nan=MISSING), axis=0, return_counts=True)
-        present = kinds != MISSING
-        values = np.where(present, kinds, 0.0)
-        drawn = max(len(outcomes) - 1, 1)
-        times = generator.multinomial(drawn, counts / max(len(outcomes), 1), size=draws)
-        with np.errstate(invalid="ignore"):
-            found[:, number] = (times @ values) / (times @ present)
-    return found
 
 
 def mean_outcomes(strata: Sequence[Outcomes]) -> NDArray[np.float64]:
@@ -88,7 +35,7 @@ def mean_of_levels(strata: Sequence[Outcomes], confidence: float = CONFIDENCE) -
     Returns:
         None without a number. Without an interval where all trials of each stratum are alike, or a stratum has one.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     kept = [outcomes[~np.isnan(outcomes).all(axis=1)] for outcomes in strata]
     kept = [outcomes for outcomes in kept if len(outcomes)]
@@ -111,24 +58,5 @@ def mean_of_levels(strata: Sequence[Outcomes], confidence: float = CONFIDENCE) -
     if whole <= 0:
         return Estimate(value, None)
     freedom = whole**2 / sum(one**2 / own for one, own in zip(variances, freedoms, strict=True))
-    half = float(t.isf((1 - confidence) / 2, freedom)) * math.sqrt(whole)
+    half = float(stdtrit(freedom, (1 + confidence) / 2)) * math.sqrt(whole)
     return Estimate(value, Interval(value - half, value + half))
-
-
-def percentile_interval(
-    drawn: NDArray[np.float64], confidence: float = CONFIDENCE, *, interpolate: bool = True
-) -> Interval | None:
-    """Percentile interval of a number's values in bootstrap samples, shape (draws,).
-
-    B. Efron and R. J. Tibshirani, "An Introduction to the Bootstrap" (1993), chapters 8 and 13. With
-    `resampled_means` it covers the spread of trials, not that of training, unless checkpoints are strata.
-
-    Returns:
-        None where a sample does not give the number, or all give the same: outcomes that are all alike show no spread
-        however few they are.
-    """
-    if np.isnan(drawn).any() or drawn.max() == drawn.min():
-        return None
-    ends = [(1 - confidence) / 2, (1 + confidence) / 2]
-    low, high = np.quantile(drawn, ends, method="linear" if interpolate else "inverted_cdf")
-    return Interval(float(low), float(high))

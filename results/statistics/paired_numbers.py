@@ -7,42 +7,28 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.results.statistics.aggregate import DRAWS, percentile_interval
-from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate
-
-AT_ONCE = 4_000_000
-"""Numbers in memory at a time."""
+from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
 
 
-def median_difference(
-    differences: NDArray[np.floating],
-    strata: NDArray[np.integer],
-    generator: np.random.Generator,
-    confidence: float = CONFIDENCE,
-    draws: int = DRAWS,
-) -> Estimate:
-    """Median of differences, with a percentile interval of a bootstrap that draws trials within each stratum.
+def median_difference(differences: NDArray[np.floating], confidence: float = CONFIDENCE) -> Estimate:
+    """Median of differences, with the interval that the sign test gives.
 
-    Strata are fixed, as tasks are; see `aggregate.resampled_means`. Trials must be independent: those that start alike
-    are one trial.
+    Its ends are two of the differences, chosen by the binomial distribution, so that it holds for any distribution and
+    any number of trials (W. J. Conover, "Practical Nonparametric Statistics" (1999), section 3.2). Trials must be
+    independent: those that start alike are one trial.
 
     Args:
         differences: First side minus second, shape (trials,), at least one.
-        strata: Number of each trial's stratum, shape (trials,).
-        generator: Draws the samples.
         confidence: Of the interval.
-        draws: Number of samples.
 
     Returns:
-        The estimate; without an interval if all samples have the same median.
+        The estimate; without an interval where trials are too few for this confidence.
     """
-    places = [np.flatnonzero(strata == stratum) for stratum in np.unique(strata)]
-    medians = []
-    for start in range(0, draws, size := max(1, AT_ONCE // len(differences))):
-        shape = min(size, draws - start)
-        drawn = [own[generator.integers(len(own), size=(shape, len(own)))] for own in places]
-        medians.append(np.median(differences[np.concatenate(drawn, axis=1)], axis=1))
-    return Estimate(float(np.median(differences)), percentile_interval(np.concatenate(medians), confidence))
+    from scipy.stats import quantile_test
+
+    low, high = quantile_test(differences, p=0.5).confidence_interval(confidence)
+    known = math.isfinite(low) and math.isfinite(high)
+    return Estimate(float(np.median(differences)), Interval(float(low), float(high)) if known else None)
 
 
 def signed_rank(differences: NDArray[np.floating]) -> float:

@@ -9,15 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.results.statistics.aggregate import (
-    DRAWS,
-    Outcomes,
-    mean_outcomes,
-    percentile_interval,
-    resampled_means,
-)
+from robogauntlet.results.statistics.aggregate import Outcomes, mean_of_levels, mean_outcomes
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference, pooled
-from robogauntlet.results.statistics.rates import Estimate, wilson_interval
+from robogauntlet.results.statistics.rates import Estimate, Interval, wilson_interval, wilson_intervals
 
 LEAST_CLEAN = 0.2
 """Retention is computed only if the clean rate is shown to exceed this."""
@@ -34,35 +28,32 @@ class SeverityCurve:
     """p(s)."""
     drops: tuple[Estimate, ...]
     """p(0) - p(s) over the seeds with a verdict at both, 0 at level 0."""
-    retention: tuple[Estimate, ...] | None
+    retention: tuple[float, ...] | None
     """p(s) / p(0), baselines subtracted from both; None where the clean rate is too low, see `LEAST_CLEAN`."""
     area: Estimate | None
     """Area under the retention, divided by the range of levels: 1 if nothing is lost. Not clipped."""
-    half: Estimate | None
-    """Severity at which half is lost; infinite, in value or interval, where that is beyond the last level."""
+    half: float | None
+    """Severity at which half is lost; infinite where that is beyond the last level."""
     trend: float | None
-    """One-sided p-value against no fall of success with severity."""
+    """One-sided p-value against no fall of success with severity. It, area and half are None for kinds of change."""
 
 
 def severity_curve(
     strata: Sequence[Outcomes],
     levels: Sequence[float],
-    generator: np.random.Generator,
     *,
     baselines: Sequence[float] | None = None,
-    draws: int = DRAWS,
+    ordered: bool = True,
 ) -> SeverityCurve:
     """The curve of one arm.
 
-    Rates have Wilson's interval and drops Newcombe's paired one, of all seeds together. Numbers from several levels
-    have the interval of a bootstrap that keeps the levels of one seed together, see `percentile_interval`.
+    Rates have Wilson's interval, drops Newcombe's paired one, and the area Student's for the spread of seeds.
 
     Args:
         strata: Outcomes of each task, shape (seeds, levels), NaN where there is no verdict.
         levels: Severities, rising from 0.
-        generator: The same state gives the same intervals.
         baselines: Success of the best no-skill baseline at each level, subtracted before anything is divided.
-        draws: Number of bootstrap samples.
+        ordered: Whether a higher level is more of the same.
 
     Raises:
         ValueError: Levels that do not rise from 0, or outcomes or baselines of another length.
@@ -75,28 +66,29 @@ def severity_curve(
     base = np.zeros(len(steps)) if baselines is None else np.asarray(baselines, dtype=float)
     if base.shape != steps.shape:
         raise ValueError(f"expected a floor for each of {len(steps)} levels, got {len(base)}")
-    means, drawn = mean_outcomes(strata), resampled_means(strata, generator, draws)
+    means = mean_outcomes(strata)
     clean = np.concatenate([outcomes[:, 0] for outcomes in strata])
     clean = clean[~np.isnan(clean)]
     ends = wilson_interval(int(clean.sum()), len(clean))
-    kept_estimates = surface = half = None
+    kept = surface = half = None
     if ends is not None and ends.low > LEAST_CLEAN:
-        kept, kept_drawn = retention(means, base), retention(drawn, base)
-        kept_estimates = tuple(_estimate(*values) for values in zip(kept, kept_drawn.T, strict=True))
-        surface = _estimate(area(kept, steps), area(kept_drawn, steps))
-        half = _estimate(half_lost(kept, steps), half_lost(kept_drawn, steps))
+        kept, whole = retention(means, base)
+        if ordered:
+            surface, half = _area(strata, steps, kept, whole), float(half_lost(kept, steps))
     return SeverityCurve(
         levels=tuple(steps.tolist()),
         rates=tuple(_rate(strata, level, means[:, level]) for level in range(len(steps))),
         drops=tuple(_drop(strata, level) for level in range(len(steps))),
-        retention=kept_estimates,
+        retention=None if kept is None else tuple(kept.tolist()),
         area=surface,
         half=half,
-        trend=falling_trend(strata, steps),
+        trend=falling_trend(strata, steps) if ordered else None,
     )
 
 
-def retention(rates: NDArray[np.float64], baselines: NDArray[np.float64]) -> NDArray[np.float64]:
+def retention(
+    rates: NDArray[np.float64], baselines: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(p(s) - f(s)) / (p(0) - f(0)), means over the strata that have a rate at level s.
 
     A stratum without a rate at s, such as a task in which the oracle fails, is left out of the clean rate too.
@@ -106,14 +98,14 @@ def retention(rates: NDArray[np.float64], baselines: NDArray[np.float64]) -> NDA
         baselines: Shape (levels,).
 
     Returns:
-        Shape (..., levels); NaN where there is nothing to retain.
+        The retention, NaN where there is nothing to retain, and what is divided by; each of shape (..., levels).
     """
     above = rates - baselines
     clean = np.where(np.isnan(above), np.nan, above[..., :1])
-    left, whole = np.nansum(above, axis=-2), np.nansum(clean, axis=-2)
+    tasks = np.maximum((~np.isnan(clean)).sum(axis=-2), 1)
+    left, whole = np.nansum(above, axis=-2) / tasks, np.nansum(clean, axis=-2) / tasks
     with np.errstate(invalid="ignore", divide="ignore"):
-        found: NDArray[np.float64] = np.where(whole > 0, left / whole, np.nan)
-    return found
+        return np.where(whole > 0, left / whole, np.nan), whole
 
 
 def area(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -183,12 +175,17 @@ def falling_trend(strata: Sequence[Outcomes], levels: NDArray[np.float64]) -> fl
 
 
 def _rate(strata: Sequence[Outcomes], level: int, means: NDArray[np.float64]) -> Estimate:
-    """Mean of the strata that have a rate at a level."""
-    verdicts = sum(int((~np.isnan(outcomes[:, level])).sum()) for outcomes in strata)
-    if not verdicts:
+    """Mean of the strata that have a rate at a level, and Wilson's interval of as many trials as have its variance.
+
+    Strata of unequal size count as (sum of their weights)² / (sum of weights² / size) trials: L. Kish, "Survey
+    Sampling" (1965). Between strata that differ, trials vary less than that; the interval is conservative then.
+    """
+    sizes = np.array([(~np.isnan(outcomes[:, level])).sum() for outcomes in strata])
+    sizes = sizes[sizes > 0]
+    if not len(sizes):
         return Estimate(math.nan, None)
-    value = float(np.nanmean(means))
-    return Estimate(value, wilson_interval(round(value * verdicts), verdicts))
+    value, trials = float(np.nanmean(means)), len(sizes) ** 2 / float((1 / sizes).sum())
+    return Estimate(value, wilson_intervals([min(value, 1.0) * trials], [trials])[0])
 
 
 def _drop(strata: Sequence[Outcomes], level: int) -> Estimate:
@@ -198,5 +195,19 @@ def _drop(strata: Sequence[Outcomes], level: int) -> Estimate:
     return found if level else Estimate(0.0, None)
 
 
-def _estimate(value: float | NDArray[np.float64], drawn: NDArray[np.float64]) -> Estimate:
-    return Estimate(float(value), percentile_interval(drawn, interpolate=False))  # Values may be infinite.
+def _area(
+    strata: Sequence[Outcomes], levels: NDArray[np.float64], kept: NDArray[np.float64], whole: NDArray[np.float64]
+) -> Estimate:
+    """Area with Student's interval, linearised: a seed moves a retention `kept` by (p(s) - kept p(0)) / `whole`.
+
+    The approximation is that of ratio estimates: W. G. Cochran, "Sampling Techniques" (1977), chapter 6.
+    """
+    value = float(area(kept, levels))
+    if math.isnan(value):
+        return Estimate(value, None)
+    shares = len(levels) * area(np.eye(len(levels)), levels) / whole
+    moved = mean_of_levels([shares * (outcomes - kept * outcomes[:, :1]) for outcomes in strata])
+    if moved is None or moved.interval is None:
+        return Estimate(value, None)
+    half = (moved.interval.high - moved.interval.low) / 2
+    return Estimate(value, Interval(value - half, value + half))

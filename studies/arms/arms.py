@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
@@ -101,8 +100,7 @@ def rows_of(frame: pd.DataFrame, settings: Mapping[str, Sequence[str]] = SETTING
             own = inside[inside.policy == policy]
             outcomes = won[policy]
             interval = wilson_interval(int(outcomes.sum()), int(outcomes.count()))
-            strata = [Pairs.from_outcomes(*won.loc[t, [policy, "experts"]].to_numpy().T) for t in tasks]
-            kept = paired_ratio(strata, np.random.default_rng(0))
+            kept = paired_ratio(Pairs.from_outcomes(*won[[policy, "experts"]].to_numpy().T))
             assert interval is not None
             assert kept is not None
             rows.append(

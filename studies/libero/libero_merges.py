@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
@@ -106,9 +105,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     titles = {EXPERTS: "experts", **{name: title for name, (title, _) in (ROUTED | WAYS).items()}}
     rows = []
     for policy in (name for name in titles if name in won):
-        pairs = won[[policy, EXPERTS]].dropna().groupby("task")
-        strata = [Pairs.from_outcomes(*part.to_numpy().T) for _, part in pairs]
-        kept = paired_ratio(strata, np.random.default_rng(0))
+        kept = paired_ratio(Pairs.from_outcomes(*won[[policy, EXPERTS]].to_numpy().T))
         assert kept is not None
         rows.append(
             {

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from robogauntlet.adapters.libero_plus.variants import PlusAxis, Variant, variants
@@ -105,7 +104,7 @@ def _row(axis: str, frame: pd.DataFrame) -> dict[str, object]:
 
 
 def _kept(pairs: pd.DataFrame) -> str:
-    kept = paired_ratio([Pairs.from_outcomes(*pairs.to_numpy().T)], np.random.default_rng(0))
+    kept = paired_ratio(Pairs.from_outcomes(*pairs.to_numpy().T))
     return "" if kept is None else percent(kept.value, kept.interval)
 
 

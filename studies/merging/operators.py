@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from robogauntlet.results.api import open_run
@@ -72,7 +71,7 @@ def again(name: str, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, object
 
 
 def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[str, object]]:
-    """Success with Wilson's interval and the share of the experts' success with a bootstrap interval, most bytes first.
+    """Success with Wilson's interval and the share of the experts' success with a score interval, most bytes first.
 
     Args:
         frame: A row per episode: policy, task, seed, status.
@@ -85,8 +84,7 @@ def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[st
         own, experts = table[policy], table[EXPERTS]
         tasks = own.groupby("task", sort=True)
         interval = wilson_interval(int(own.sum()), int(own.count()))
-        strata = [Pairs.from_outcomes(one.to_numpy(), experts.loc[[task]].to_numpy()) for task, one in tasks]
-        ratio = paired_ratio(strata, np.random.default_rng(0))
+        ratio = paired_ratio(Pairs.from_outcomes(own.to_numpy(), experts.to_numpy()))
         assert interval is not None
         assert ratio is not None
         rates = tasks.mean()
@@ -105,10 +103,8 @@ def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[st
 
 
 def percent(value: float, interval: Interval | None) -> str:
-    """A share with its interval, in percent; an interval of no width is left out, as all resamples were alike."""
-    ends = (
-        f" [{100 * interval.low:.0f}, {100 * interval.high:.0f}]" if interval and interval.low < interval.high else ""
-    )
+    """A share with its interval, in percent."""
+    ends = f" [{100 * interval.low:.0f}, {100 * interval.high:.0f}]" if interval else ""
     return f"{100 * value:.0f} %{ends}"
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio, pooled
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.options import expert_folders
 from studies.merging.operators import percent
@@ -114,7 +114,7 @@ def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> l
             outcomes = won[policy, number].dropna()
             experts = won[EXPERTS].iloc[:, 0].loc[outcomes.index]
             interval = wilson_interval(int(outcomes.sum()), len(outcomes))
-            ratio = paired_ratio(_by_task(outcomes, experts), np.random.default_rng(0))
+            ratio = paired_ratio(Pairs.from_outcomes(outcomes.to_numpy(), experts.to_numpy()))
             assert interval is not None
             assert ratio is not None
             rows.append(
@@ -132,12 +132,8 @@ def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> l
     return rows
 
 
-def _by_task(one: pd.Series, other: pd.Series) -> list[Pairs]:
-    return [Pairs.from_outcomes(own.to_numpy(), other.loc[own.index].to_numpy()) for _, own in one.groupby("task")]
-
-
 def _change(after: pd.Series, before: pd.Series) -> str:
-    found = paired_difference(pooled(_by_task(after, before)))
+    found = paired_difference(Pairs.from_outcomes(after.to_numpy(), before.to_numpy()))
     assert found is not None
     assert found.interval is not None
     value, low, high = (

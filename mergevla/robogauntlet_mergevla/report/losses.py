@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 COLUMNS = ("pair_id", "simulator", "task", "policy_digest", "axis", "severity", "status", "inferred_task")
 """Fields of the record that are needed."""
 ROLES = ("expert", "oracle_routed", "routed")
-SEED = 20251118
-"""Seed of the bootstrap, so that reports are reproducible."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +150,6 @@ class _Outcomes:
         return MergingRow(simulator, task, expert, oracle_routed, routed, losses)
 
     def _losses(self, tasks: Sequence[str], errors: int) -> Losses:
-        import numpy as np
-
         expert, oracle_routed, routed = ROLES
         pairs = self.pairs(expert, routed, tasks)
         return Losses(
@@ -163,7 +159,7 @@ class _Outcomes:
             merging=paired_difference(self.pairs(expert, oracle_routed, tasks)),
             routing=paired_difference(self.pairs(oracle_routed, routed, tasks)),
             total=paired_difference(pairs),
-            retention=paired_ratio([self.pairs(routed, expert, [task]) for task in tasks], np.random.default_rng(SEED)),
+            retention=paired_ratio(self.pairs(routed, expert, tasks)),
         )
 
     def regret(self, routed: pd.DataFrame) -> Regret:

@@ -25,8 +25,8 @@ TERMS = {
     "expert minus oracle-routed. By routing: oracle-routed minus routed. Both: their sum.",
     "pairs": "Task and seed combinations in which all three policies succeeded or failed. Pairs with an error or a "
     "missing episode are excluded from losses and counted as left out.",
-    "retention": "Successes of the routed policy per success of the expert; the interval is a bootstrap over pairs "
-    "within tasks, and absent if all pairs agree.",
+    "retention": "Successes of the routed policy per success of the expert, over all tasks together, with Tang's score "
+    "interval (95 %), which excludes 100 % only if McNemar's exact test shows a loss or gain.",
     "regret": "Oracle-routed minus routed success on the misrouted pairs, in percentage points.",
 }
 ALL = "all"

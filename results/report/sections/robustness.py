@@ -118,7 +118,6 @@ def _comparison(found: ConditionComparison) -> Iterator[Block]:
     yield Table(compared.loss_table(found), f"Success lost against {found.baseline}")
     if found.routers:
         yield Heading("Routers under perturbation")
-        yield _terms("failed first")
         yield Table(compared.router_table(found), "Router accuracy beside success at every level")
 
 

@@ -8,6 +8,7 @@ from robogauntlet.results.analysis.comparison import Run, compare_runs
 from robogauntlet.results.analysis.paired_behaviour import COLUMNS, LEAST_PAIRS, adjusted, compare_behaviour
 from robogauntlet.results.analysis.pairwise import COLUMNS as PAIRWISE_COLUMNS
 from robogauntlet.results.analysis.pairwise import PolicyRows, compare_all, compare_policies
+from robogauntlet.results.statistics.rates import Estimate, Interval
 from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, columns_of, document, row, rows_where, with_behaviour
 
@@ -16,7 +17,7 @@ PLAN = cells(("a", "b"), ("maniskill/A", "pybullet/B"))
 
 def found(plan, results):
     frames = [columns_of([r for r in results if r.policy == name], (*COLUMNS, "pair_id")) for name in ("a", "b")]
-    return compare_behaviour(frames[0].merge(frames[1], on="pair_id", suffixes=("", "_before")), 0.05, ("a", "b"))
+    return compare_behaviour(frames[0].merge(frames[1], on="pair_id", suffixes=("", "_before")), 0.05)
 
 
 def longer_by(shift, seeds=12, plan=PLAN):
@@ -46,7 +47,7 @@ def test_a_longer_path_is_shown_with_its_median_and_interval():
 def test_equal_paths_are_neither_shown_nor_tested():
     results = [replace(one, path_length=0.1 + 0.2 if one.policy == "a" else 0.3) for one in longer_by(0)]
     (line,) = adjusted([found(PLAN, results)])[0].measures
-    assert (line.difference.value, line.difference.interval) == (0.0, None)
+    assert line.difference == Estimate(0.0, Interval(0.0, 0.0))
     assert (line.p, line.is_tested, line.adjusted) == (1.0, False, 1.0)
 
 

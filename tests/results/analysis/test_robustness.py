@@ -56,7 +56,7 @@ def test_the_clean_episodes_are_level_0_of_every_axis():
     noise = curve(found, "merged", None, "noise")
     assert noise.curve.levels == (0, 2, 4)
     assert [rate.value for rate in noise.curve.rates] == pytest.approx([0.8, 0.4, 0.0])
-    assert noise.curve.half.value == pytest.approx(2.0)
+    assert noise.curve.half == pytest.approx(2.0)
     assert (noise.tasks, noise.seeds) == (2, SEEDS)
     assert curve(found, "merged", None, "blur").curve.levels == (0, 4)
 

@@ -39,26 +39,10 @@ def by_axis(cell):
     return SEEDS if cell.condition == CLEAN else 18 - 3 * AXES.index(cell.condition.axis)
 
 
-def test_mean_middle_and_tail_are_those_of_the_levels():
+def test_the_mean_of_the_levels_and_the_worst_axis_are_known():
     found = of(overall(by_axis))
-    rates = np.repeat([(18 - 3 * i) / SEEDS for i in range(5)], 2)
-    assert found.conditions == 10
-    assert found.mean.value == pytest.approx(rates.mean())
-    assert found.middle.value == pytest.approx(np.sort(rates)[2:8].mean())
-    assert found.tail.value == pytest.approx(np.sort(rates)[:2].mean())
-    for estimate in (found.mean, found.middle, found.tail):
-        assert estimate.interval.low < estimate.value < estimate.interval.high
-
-
-def test_the_worst_axis_is_named_with_its_rate_and_how_sure_that_is():
-    found = of(overall(by_axis)).worst
-    assert (found.axis, found.rate.value) == ("camera-orbit", pytest.approx(0.3))
-    assert found.certainty > 0.95
-
-
-def test_of_axes_that_are_equally_bad_none_is_surely_the_worst():
-    found = of(overall(lambda cell: SEEDS if cell.condition == CLEAN else 10)).worst
-    assert (found.rate.value, found.certainty) == (pytest.approx(0.5), pytest.approx(1 / len(AXES)))
+    assert (found.conditions, found.mean) == (10, pytest.approx(np.mean([(18 - 3 * i) / SEEDS for i in range(5)])))
+    assert (found.worst_axis, found.worst) == ("camera-orbit", pytest.approx(0.3))
 
 
 def test_the_gate_and_no_skill_baselines_have_no_rows():
@@ -70,7 +54,7 @@ def test_the_gate_and_no_skill_baselines_have_no_rows():
 def test_simulators_that_order_axes_alike_agree_and_those_that_do_not_disagree():
     (alike,) = overall(by_axis).agreement
     assert (alike.one, alike.other, alike.axes) == ("maniskill", "robosuite", 5)
-    assert (alike.tau.value, alike.violation) == (pytest.approx(1.0), 0.0)
+    assert (alike.tau, alike.violation) == (pytest.approx(1.0), 0.0)
 
     def opposite(cell):
         if cell.condition == CLEAN:
@@ -79,8 +63,7 @@ def test_simulators_that_order_axes_alike_agree_and_those_that_do_not_disagree()
         return 18 - 3 * (place if cell.simulator == "maniskill" else 4 - place)
 
     (other,) = overall(opposite).agreement
-    assert other.tau.value == pytest.approx(-1.0)
-    assert other.tau.interval.high < 0
+    assert other.tau == pytest.approx(-1.0)
     assert other.violation == pytest.approx(np.mean([12, 9, 6, 9, 12]) / SEEDS)
 
 
