@@ -93,7 +93,7 @@ def run(
         str | None,
         typer.Option(
             metavar="[wandb|mlflow]",
-            help="Send progress and results to an experiment tracker while the run plays.",
+            help="Send progress, results and videos to an experiment tracker while the run plays.",
         ),
     ] = None,
     project: Annotated[str, typer.Option(help="With --tracker: project of W&B, experiment of MLflow.")] = PROJECT,

@@ -6,13 +6,17 @@ Server and login are MLflow's own settings (MLFLOW_TRACKING_URI and others). The
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from robogauntlet.orchestrator.trackers.tracked_run import TrackedRun, TrackerError
 from robogauntlet.orchestrator.trackers.tracker import Tracker, TrackerName
+from robogauntlet.orchestrator.trackers.videos import TrackedVideo
 from robogauntlet.results.run_document import RunStatus
 
 STATUSES = {
@@ -82,6 +86,15 @@ class MlflowTracker(Tracker):
         self._client.log_text(self._run, run.cells, "cells.csv")
         if run.ended_at is not None:
             self._client.set_terminated(self._run, STATUSES[RunStatus(run.status)], int(1000 * run.ended_at))
+
+    def add_videos(self, videos: Sequence[TrackedVideo]) -> None:
+        """Add videos as files, `videos/POLICY/TASK/STATUS.mp4`."""
+        with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
+            for video in videos:
+                copy = Path(folder) / "videos" / f"{video.name}.mp4"
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(video.path, copy)
+            self._client.log_artifacts(self._run, folder)
 
     def _describe(self, run: TrackedRun) -> None:
         from mlflow.entities import Param, RunTag

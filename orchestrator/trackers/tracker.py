@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from typing import TYPE_CHECKING, ClassVar
@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.trackers.tracked_run import (
     tracked_run,
     usable,
 )
+from robogauntlet.orchestrator.trackers.videos import TrackedVideo, tracked_videos
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.runs.run_progress import RunProgress
@@ -79,6 +80,10 @@ class Tracker(Observer, ABC):
     def conclude(self, run: TrackedRun) -> None:
         """Write the results of a run that has ended, or that is sent as it is now."""
 
+    @abstractmethod
+    def add_videos(self, videos: Sequence[TrackedVideo]) -> None:
+        """Add videos."""
+
     def finish(self) -> None:
         """Wait until everything is written."""
 
@@ -113,10 +118,12 @@ class Tracker(Observer, ABC):
             self.conclude(tracked_run(run.document, run.report.tables if run.report else None))
 
     def on_end(self, run: RunState) -> None:
-        """Wait until everything is written."""
+        """Send the videos, and wait until everything is written."""
         if self.address is None:
             return
         with self._live(run):
+            if videos := tracked_videos(run.folder, run.store.results):
+                self.add_videos(videos)
             self.finish()
         self._say(f"logged: {self.address}")
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 import io
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr
 from types import ModuleType
 from typing import Any
 
 from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS, TrackedRun, TrackerError
 from robogauntlet.orchestrator.trackers.tracker import Tracker, TrackerName
+from robogauntlet.orchestrator.trackers.videos import TrackedVideo
 
 OPEN_S = 15.0
 """Longest time that the run waits for W&B when it is opened (s)."""
@@ -82,6 +83,10 @@ class WandbTracker(Tracker):
         self._run.config.update(run.state, allow_val_change=True)
         cells = self._wandb.Table(columns=list(COLUMNS), data=[list(row) for row in run.rows])
         self.log({**run.metrics, "cells": cells})
+
+    def add_videos(self, videos: Sequence[TrackedVideo]) -> None:
+        """See `Tracker`."""
+        self.log({f"videos/{video.name}": self._wandb.Video(video.path, format="mp4") for video in videos})
 
     def finish(self) -> None:
         """See `Tracker`."""

@@ -117,7 +117,7 @@ def interrupt(rows):
 
 
 @pytest.mark.ray
-def test_an_interrupted_run_ends_in_mlflow_and_is_continued_there(tmp_path, monkeypatch, expected):
+def test_an_interrupted_run_ends_in_mlflow_and_is_continued_there_with_its_videos(tmp_path, monkeypatch, expected):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path / 'mlflow.db'}")
 
     def the_run():
@@ -134,12 +134,14 @@ def test_an_interrupted_run_ends_in_mlflow_and_is_continued_there(tmp_path, monk
     assert (outcome.document.status, outcome.warnings) == (RunStatus.INTERRUPTED, [])
     first, status, metrics = the_run()
     assert (status, metrics["progress/done"]) == ("KILLED", outcome.done)
-    outcome, _ = tracked_play(tmp_path, "mlflow")
+    outcome, _ = tracked_play(tmp_path, "mlflow", media=True)
     assert ended(outcome) == expected
     run, status, metrics = the_run()
     assert (run, status, metrics["progress/done"]) == (first, "FINISHED", 16)
     assert metrics["success_rate/oracle/null/Slow"] == 1.0
     assert metrics["n/all"] == 16
+    videos = {str(path).partition("artifacts/")[2] for path in tmp_path.glob("mlruns/*/*/artifacts/videos/*/*/*/*")}
+    assert videos == {"videos/oracle/null/Slow/success.mp4", "videos/random/null/Slow/failure.mp4"}
 
 
 @pytest.mark.ray
