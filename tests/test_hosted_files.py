@@ -42,6 +42,7 @@ def nightly_inputs():
 
 
 @pytest.mark.ray
+@pytest.mark.nightly
 def test_the_nightly_workflow_passes_on_good_runs_and_fails_on_a_regression(runner, tmp_path):
     inputs = nightly_inputs()
     keep = next(step["run"] for step in steps_of("examples/github-nightly.yml") if "run" in step)

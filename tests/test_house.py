@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 14_029,
     "suites": 2_770,
     "src/robogauntlet": 972,
-    "tests": 46_555,
+    "tests": 46_558,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

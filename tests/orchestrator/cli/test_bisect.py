@@ -124,6 +124,7 @@ def test_ends_that_do_not_differ_are_one_line(run_command, tmp_path, steps):
 
 
 @pytest.mark.ray
+@pytest.mark.nightly
 @pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_seeds_that_do_not_decide_leave_a_range(run_command, tmp_path, steps):
     done = run_command(*line(tmp_path, steps((1.0, 0.5, 0.0)), "--seeds", "20", "--out", "run"))

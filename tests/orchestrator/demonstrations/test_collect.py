@@ -160,6 +160,7 @@ class TestWithRay:
         assert quiet.messages == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
         assert opened(tmp_path / "out", "null/Hang").episodes == 1
 
+    @pytest.mark.nightly
     def test_an_interruption_keeps_the_finished_episodes(self, tmp_path):
         def interrupt(lanes):
             if lanes[0].kept >= 5:
