@@ -44,7 +44,6 @@ class Format(StrEnum):
     TEXT = "text"
     JSON = "json"
     MARKDOWN = "markdown"
-    JUNIT = "junit"
 
 
 def compare(
@@ -145,8 +144,6 @@ def compare(
     if first is None and second is None and baseline is not None:
         options["only"] = policy or []
         _conclude(_of_folders(folder, baseline, store, options), form, file, tables=True)
-    if form is Format.JUNIT:
-        raise BadInput("--format junit: expected text, json or markdown for a comparison of policies")
     if first is not None and policy:
         raise BadInput(f"--policy: expected with a whole run only, {run} names a policy")
     if alpha is None:

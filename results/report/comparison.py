@@ -1,4 +1,4 @@
-"""A comparison as text, Markdown and JSON; of two runs also as JUnit XML. `pairwise` has the words on policies."""
+"""A comparison as text, Markdown and JSON. `pairwise` has the words on policies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import asdict
-from xml.etree import ElementTree
 
 from robogauntlet.results.analysis.comparison import Comparison, PolicyComparison, RunComparison, Verdict
 from robogauntlet.results.analysis.contrasts import Contrast
@@ -34,8 +33,7 @@ MARKS = {
 }
 BEGINS = re.compile(
     rf"(### \S+ )?({'|'.join(map(re.escape, MARKS.values()))}): [^\n]+ against "
-    r"|\{\n \"allowed\": \["
-    r"|<\?xml [^\n]*\?>\n<testsuite name=\"[^\n]* against |".encode()
+    r"|\{\n \"allowed\": \[|".encode()
     + pairwise.BEGINS
 )
 """How a comparison begins, in each of its forms."""
@@ -158,13 +156,13 @@ def _row(line: Contrast, alpha: float) -> tuple[str, ...]:
 
 
 def render(comparison: Comparison, form: str = "text") -> str:
-    """A comparison in a format: `text`, `markdown`, `json`; that of two runs also as `junit`."""
+    """A comparison in a format: `text`, `markdown` or `json`."""
     if form == "json":
         return as_json(comparison)
     if isinstance(comparison, PolicyComparisons):
         return pairwise.written(comparison, form)
     assert isinstance(comparison, RunComparison)
-    return {"text": as_text, "markdown": as_markdown, "junit": as_junit}[form](comparison)
+    return as_markdown(comparison) if form == "markdown" else as_text(comparison)
 
 
 def as_text(comparison: RunComparison) -> str:
@@ -204,26 +202,3 @@ def as_json(comparison: Comparison) -> str:
         for found, one in zip(plain["comparisons"], comparison.comparisons, strict=True):
             found |= {"headline": pairwise.headline(one), "sentences": pairwise.sentences(one, comparison)}
     return json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n"
-
-
-def as_junit(comparison: RunComparison) -> str:
-    """A test case per policy and task in JUnit's format, which fails if the policy became worse."""
-    suite = ElementTree.Element("testsuite", name=f"{comparison.run} against {comparison.baseline}")
-    failures = 0
-    for one in comparison.comparisons:
-        for line in one.contrasts:
-            case = ElementTree.SubElement(suite, "testcase", classname=one.first.policy, name=line.task or pairwise.ALL)
-            text = outcome(line)
-            if comparison.verdict is Verdict.NOT_COMPARABLE:
-                ElementTree.SubElement(case, "skipped", message="; ".join(comparison.differences.values()))
-            elif line.adjusted <= comparison.alpha:
-                failures += 1
-                ElementTree.SubElement(case, "failure", message=f"{text}, p {p_value(line.adjusted)}")
-            ElementTree.SubElement(case, "system-out").text = text
-    if not comparison.comparisons:
-        case = ElementTree.SubElement(suite, "testcase", classname="comparison", name="shared episodes")
-        ElementTree.SubElement(case, "error", message=reasons(comparison)[-1])
-    suite.set("tests", str(len(suite.findall("testcase"))))
-    suite.set("failures", str(failures))
-    ElementTree.indent(suite)
-    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"

@@ -130,7 +130,7 @@ TYPED = {
     "compare --gate --all": "expected one of --gate, --all, --accept, got --gate and --all",
     "compare --all synthetic --margin 0.1": "--margin: expected without --all",
     "compare runs/monday --imported": "--imported: expected with --all",
-    "compare --all synthetic --format junit": "--format junit: expected text or json with --all",
+    "compare --all synthetic --format markdown": "--format markdown: expected text or json with --all",
     "compare --accept": "--accept: expected the run that becomes the baseline",
     "compare --accept %": "no run '%' in the history",
     "list runs --delete": "--delete: expected with --forget RUN",

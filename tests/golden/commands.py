@@ -27,7 +27,7 @@ def commands(suite: Path, name: str, policies: Sequence[str]) -> list[str]:
         *(f"compare {RUN} --format {form}" for form in ("text", "json", "markdown")),
         *(f"compare {both} --margin 0.1 --format {form}" for form in ("text", "json")),
         f"compare {RUN}:{first} {EARLIER}:{first} --allow suite",
-        *(f"compare {RUN} {EARLIER} --allow suite --format {form}" for form in ("text", "json", "markdown", "junit")),
+        *(f"compare {RUN} {EARLIER} --allow suite --format {form}" for form in ("text", "json", "markdown")),
         f"compare {RUN} {EARLIER} --alpha 0.2 --margin 0.3 --policy {first}",
         *(f"compare --gate {RUN} --format {form}" for form in ("text", "json")),
         f"compare --gate {RUN} {EARLIER} --allow suite --format markdown",

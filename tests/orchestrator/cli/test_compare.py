@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -72,8 +71,8 @@ def test_other_suites_are_compared_only_if_allowed(run_command, runs):
     assert run_command("compare", "--gate", runs / "wednesday", runs / "other", "--allow", "suite").code == 0
 
 
-def test_it_is_written_as_json_markdown_and_junit(run_command, runs, tmp_path):
-    for form, read in (("json", json.loads), ("junit", ElementTree.fromstring), ("markdown", str)):
+def test_it_is_written_as_json_and_markdown(run_command, runs, tmp_path):
+    for form, read in (("json", json.loads), ("markdown", str)):
         file = tmp_path / form
         done = run_command("compare", "--gate", runs / "wednesday", "--format", form, "--out", file)
         assert (done.code, done.out) == (1, "")
@@ -95,8 +94,7 @@ def test_it_is_written_as_json_markdown_and_junit(run_command, runs, tmp_path):
 def test_a_comparison_replaces_an_earlier_one_of_any_form_and_an_empty_file(run_command, runs, monkeypatch, typed):
     monkeypatch.chdir(runs)
     Path("found").touch()
-    two_runs = " monday" in typed or typed.startswith("compare --gate")
-    for form in ("text", "json", "markdown", *(["junit"] if two_runs else []), "text"):
+    for form in ("text", "json", "markdown", "text"):
         done = run_command(*typed.split(), "--format", form, "--out", "found")
         assert (done.err, done.out) == ("", "")
         whole = run_command(*typed.split(), "--format", form).out
@@ -166,7 +164,6 @@ def test_policies_that_share_no_episode_are_one_line(run_command, runs):
         (("compare", "monday:p", "tuesday:Q"), "tuesday: the run has no policy 'Q'; known: p, q"),
         (("compare", "nowhere:p", "monday:p"), "nowhere: expected a run folder, it does not exist"),
         (("compare", "monday", "--policy", "p"), "monday: expected two policies to compare, got p"),
-        (("compare", "monday", "--format", "junit"), "--format junit: expected text, json or markdown for"),
         (("compare", "monday:p", "monday:q", "--policy", "p"), "--policy: expected with a whole run only"),
         (
             ("compare", "--gate", "monday"),
