@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robogauntlet.results.report.formatting import NOTHING, TextTable, percent, span
-from robogauntlet.results.statistics.boundary import Trials
+from robogauntlet.results.statistics.boundary import INSIDE, Trials
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.results.statistics.worst_case import LARGEST, Disturbance, Point, WorstCases
 from robogauntlet.suites.axes import AXES
@@ -22,7 +22,7 @@ def boundary_table(cases: Mapping[str, WorstCases]) -> TextTable:
     rows += [(axis, *(_boundary(one[axis]) if axis in one else NOTHING for one in by_axis)) for axis in axes]
     if any(found.directions for found in cases.values()):
         rows.append(("combined", *(_combined(found) for found in cases.values())))
-    return TextTable(("boundary", *cases), tuple(rows), 1)
+    return TextTable((f"boundary, {100 * INSIDE:.0f} % interval", *cases), tuple(rows), 1)
 
 
 def confirmation_table(cases: Mapping[str, WorstCases], below: float) -> TextTable:
@@ -50,6 +50,8 @@ def smallest_text(found: WorstCases) -> str:
 
 def verdict(one: Disturbance) -> str:
     """What the confirmation says of what the search found."""
+    if not one.is_proposed and not one.is_confirmed:
+        return "too few episodes to tell"
     if not one.is_confirmed:
         return f"not confirmed ({'breaks' if one.breaks else 'holds'})"
     return "breaks" if one.breaks else "holds"
@@ -83,6 +85,7 @@ def _plain(one: Disturbance) -> dict[str, Any]:
         "norm": round(one.norm, 4),
         "values": {axis: AXES[axis].describe(severity) for axis, severity in one.point},
         "breaks": one.breaks,
+        "proposed": one.is_proposed,
         "success": _plain_rate(one.found),
         "clean": _plain_rate(one.clean),
         "confirmed": one.is_confirmed,

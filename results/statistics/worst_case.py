@@ -89,6 +89,9 @@ class Disturbance:
     """What the confirmation played."""
     breaks: bool
     """Whether the search found that success at the point is below the share of the clean rate, or that it is not."""
+    is_proposed: bool
+    """Whether its confirmation is likely, see `BoundaryEstimate.to_confirm`; if not, the episodes are too few, and the
+    point is the largest severity."""
     found: Trials
     """Success at the point on the seeds of the confirmation."""
     clean: Trials
@@ -143,7 +146,8 @@ def search_worst_cases(
        and after every rung the worse half is left out (successive halving: Z. Karnin, T. Koren and O. Somekh, "Almost
        optimal exploration in multi-armed bandits", ICML 2013), until `FINALISTS` are left.
     3. Confirmation on seeds that the search did not see: every axis and the smallest combination, each at the smallest
-       severity that is likely to be confirmed; half of these episodes are for the smallest ones alone.
+       severity that is likely to be confirmed, or, where none is with so few episodes, at the largest; half of these
+       episodes are for the smallest ones alone.
 
     Of limited start states three fifths are for the search. Where they end before the budget, less of it is played.
 
@@ -334,6 +338,7 @@ class _Claim:
         self.direction, self.boundary = direction, direction.estimate.boundary()
         self.breaks = self.boundary.value is not None
         distance = direction.estimate.to_confirm(trials) if self.breaks else None
+        self.is_proposed = distance is not None or not self.breaks
         self.point = direction.largest if distance is None else direction.point(distance)
         self.order = (not self.breaks, distance is None, norm_of(self.point), direction.estimate.median)
 
@@ -345,4 +350,5 @@ class _Claim:
         confirmed = high < 0 if self.breaks else low > 0
         estimate = self.direction.estimate
         parts = self.direction.parts
-        return Disturbance(parts, self.boundary, estimate.trials, self.point, self.breaks, found, clean, confirmed)
+        claim = parts, self.boundary, estimate.trials, self.point, self.breaks, self.is_proposed
+        return Disturbance(*claim, found, clean, confirmed)

@@ -1,4 +1,4 @@
-"""The smallest disturbances that break the shipped experts, in a task of each simulator: what `search` finds.
+"""What `search disturbance` proposed of the shipped experts, and success there on seeds that the search did not see.
 
 `SEARCH=FOLDER python -m studies worst_cases --measure boundaries` (default `runs/boundaries`) searches, or goes on with
 a search.
@@ -11,17 +11,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from robogauntlet.orchestrator.runs.worst_case_search import condition_at
 from robogauntlet.results.api import open_run
-from robogauntlet.results.report.worst_cases import boundary_table, confirmation_table
-from robogauntlet.results.statistics.worst_case import (
-    Answer,
-    Round,
-    SearchSpace,
-    Trials,
-    WorstCases,
-    search_worst_cases,
-)
+from robogauntlet.results.report.formatting import span
+from robogauntlet.results.statistics.boundary import Trials, is_below
+from robogauntlet.results.statistics.rates import wilson_interval
+from robogauntlet.results.statistics.worst_case import FIRST_CONFIRMATION_SEED
+from robogauntlet.suites.episode import CLEAN, Condition
 from studies.shared import run_gauntlet, table_of
 from studies.tables import write_episodes
 
@@ -29,51 +24,35 @@ TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
 AXES = ("camera-bump", "object-position")
 BUDGET, BELOW = 600, 0.5
 EPISODE = ("task", "axis", "severity", "seed", "status")
-COLUMNS = {"boundary": "{boundary}"} | {task: f"{{{task}}}" for task in TASKS}
+COLUMNS = ("task", "disturbance", "success", "clean", "confirmed")
 
 
 def measure() -> list[dict[str, str]]:
-    """A row for each boundary and each test of it; writes the episodes beside the rows."""
+    """A row for each disturbance that was tested; writes the episodes beside the rows."""
     folder = Path(os.environ.get("SEARCH", "runs/boundaries")).absolute()
     chosen = [word for name, values in (("--task", TASKS), ("--axis", AXES)) for one in values for word in (name, one)]
     run_gauntlet("search", "disturbance", "--policy", "zoo:experts", *chosen, "--budget", BUDGET, "--out", folder)
     frame = pd.concat(open_run(played).episodes(EPISODE) for played in sorted(folder.glob("*/round-*")))
     write_episodes("boundaries", frame, EPISODE[:4])
     rows = rows_of(frame)
-    table_of(rows, COLUMNS)
+    table_of(rows, {name: f"{{{name}}}" for name in COLUMNS})
     return rows
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, str]]:
-    """Boundaries and tests; `frame` has the columns `EPISODE`, from which the search is gone through again."""
-    found = {task: _searched(frame[frame.task == task]) for task in TASKS}
-    boundaries = boundary_table(found)
-    rows = [dict(zip(boundaries.header, row, strict=True)) for row in boundaries.rows]
-    tested: dict[str, dict[str, str]] = {}
-    for task, point, _, success, _, verdict in confirmation_table(found, BELOW).rows:
-        what = "combined" if "+" in str(point) else str(point).partition("@")[0]
-        tested.setdefault(what, {})[str(task)] = f"{point}: {success}, {verdict}"
-    rows += [{"boundary": f"{what}, tested", **dict.fromkeys(TASKS, ""), **cells} for what, cells in tested.items()]
-    return [{name: str(cell) for name, cell in row.items()} for row in rows]
+    """The tests; `frame` has the columns `EPISODE`. A disturbance is compared with clean episodes of its own seeds."""
+    rows = []
+    tests = frame[frame["seed"] >= FIRST_CONFIRMATION_SEED]
+    for (task, axis, severity), own in tests.groupby(["task", "axis", "severity"], observed=True):
+        if axis == CLEAN:
+            continue
+        clean = tests[(tests["task"] == task) & (tests["axis"] == CLEAN) & tests["seed"].isin(own["seed"])]
+        found, before = (Trials(int((one["status"] == "success").sum()), len(one)) for one in (own, clean))
+        confirmed = "yes" if is_below(found, before, BELOW) else "no"
+        values = task, str(Condition(axis, severity)), _rate(found), _rate(before), confirmed
+        rows.append(dict(zip(COLUMNS, values, strict=True)))
+    return rows
 
 
-def _searched(played: pd.DataFrame) -> WorstCases:
-    rounds = search_worst_cases(SearchSpace(AXES, (), lambda names: True), BUDGET // len(TASKS), below=BELOW)
-    try:
-        asked = next(rounds)
-        while True:
-            asked = rounds.send(_answer(played, asked))
-    except StopIteration as end:
-        found: WorstCases = end.value
-        return found
-
-
-def _answer(played: pd.DataFrame, asked: Round) -> Answer:
-    answer = {}
-    for point in asked.points:
-        condition = condition_at(point)
-        inside = (played.axis == condition.axis) & (played.severity == condition.severity)
-        statuses = list(played[inside & played.seed.isin(asked.seeds)].drop_duplicates("seed").status)
-        won = statuses.count("success")
-        answer[point] = Trials(won, won + statuses.count("failure"))
-    return answer
+def _rate(found: Trials) -> str:
+    return f"{found.successes} of {found.trials} {span(wilson_interval(found.successes, found.trials))}"

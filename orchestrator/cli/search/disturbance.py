@@ -67,7 +67,7 @@ def search(
 
     It is searched along each axis and combined, and confirmed. Broken means that success is below half (--below) of the
     clean rate; small means a small severity, of a combination the Euclidean norm of its severities. Three fifths of the
-    budget search, the rest plays what was found on fresh seeds, from 10,000 on.
+    budget search, the rest plays what was found on fresh seeds: from 10,000 on, or further stored states.
     """
     (entry,) = with_options([read_reference(policy)], read_options(option or ()))
     request = SearchRequest(entry, tuple(task), tuple(axis or ()), budget, below / 100, seed, success)
@@ -118,12 +118,10 @@ def _print(found: list[SearchedTask], below: float) -> None:
         return
     out.print()
     broken = f"Broken: success below {100 * below:g} % of the clean rate."
-    print_line(f"{broken} On the seeds of the search, with 80 % intervals:")
+    print_line(f"{broken} On the seeds of the search:")
     out.print(rich_table(boundary_table(cases), title="Boundaries in severities"))
     out.print()
-    print_line(
-        "On fresh seeds, at the smallest severities that the search expects to be confirmed, with 95 % intervals:"
-    )
+    print_line("On fresh seeds, at severities beyond these, with 95 % intervals:")
     out.print(rich_table(confirmation_table(cases, below), title="Confirmation"))
     out.print()
     for task, case in cases.items():

@@ -92,7 +92,7 @@ def test_the_tables_have_a_column_per_task_and_a_line_per_disturbance(searched):
     (found,) = searched[1]
     cases = {"null/Reach": found.found, "null/Slow": found.found}
     boundaries = boundary_table(cases)
-    assert boundaries.header == ("boundary", "null/Reach", "null/Slow")
+    assert boundaries.header == ("boundary, 80 % interval", "null/Reach", "null/Slow")
     assert [row[0] for row in boundaries.rows] == ["clean success", "action-delay", "action-noise", "combined"]
     assert boundaries.rows[2][1] == ">5"
     confirmation = confirmation_table(cases, 0.5)

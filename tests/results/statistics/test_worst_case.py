@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from robogauntlet.results.report.worst_cases import verdict
 from robogauntlet.results.statistics.boundary import BoundaryEstimate, Trials, excess, is_below
 from robogauntlet.results.statistics.worst_case import (
     FIRST_CONFIRMATION_SEED,
@@ -66,7 +67,7 @@ def run(policy, budget, seed=0, rounds=None, **space):
 
 
 def smallest_found(found):
-    return min(one.boundary.value for one in (*found.axes, found.combined) if one and one.breaks)
+    return min((one.boundary.value for one in (*found.axes, found.combined) if one and one.breaks), default=math.inf)
 
 
 FOUND = {
@@ -102,10 +103,16 @@ def test_an_axis_that_breaks_nothing_has_its_boundary_beyond_the_largest_severit
     assert np.mean([one.is_confirmed for one in found]) > 0.9
 
 
-def test_most_of_what_breaks_the_policy_is_confirmed():
-    found = [run(Policy(a=2.0, b=3.0), 400, seed) for seed in range(40)]
-    assert np.mean([one.combined.is_confirmed for one in found]) > 0.65
-    assert np.mean([axis.is_confirmed for one in found for axis in one.axes]) > 0.75
+def test_four_of_five_disturbances_that_are_proposed_are_confirmed():
+    """`studies/worst_cases` has 1,000 searches. What has too few episodes for a likely confirmation is none of them."""
+    found = [run(Policy(a=2.0, b=3.0), 200, seed) for seed in range(40)]
+    claims = [one for case in found for one in (*case.axes, case.combined) if one and one.breaks]
+    proposed = [one.is_confirmed for one in claims if one.is_proposed]
+    assert np.mean(proposed) >= 0.8
+    assert len(proposed) > len(claims) / 2
+    few = [one for one in claims if not one.is_proposed]
+    assert {one.norm for one in few} == {5.0}
+    assert {verdict(one) for one in few} == {"breaks", "too few episodes to tell"}
 
 
 def test_chance_at_the_boundary_is_not_called_confirmed():
