@@ -95,9 +95,6 @@ class Objects(Protocol):
 class Arm(Protocol):
     """An arm that can start in another pose."""
 
-    turns: bool
-    """Whether the tool can be rotated; if not, a rotation is refused."""
-
     def place_tool(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Bring the tool centre point, at rest, to a position (3,) and an orientation (4,) xyzw.
 
@@ -116,7 +113,7 @@ class DynamicsFactors:
     mass: float = 1.0
     """Of the movable objects, inertia included."""
     friction: float = 1.0
-    """Of their own coefficient of sliding friction; the simulator combines the two coefficients of a contact."""
+    """Of the sliding friction of their contacts, which the simulator combines from the two bodies' coefficients."""
 
 
 class BodyDynamics(Protocol):

@@ -61,15 +61,17 @@ class Axis:
     """Published perturbations that the levels are aligned with."""
     unit: str = "control"
     levels: tuple[float, ...] = (1.0,)
-    """The value at severity 1 (mild) to 5 (extreme but solvable). A control has one value."""
+    """The value at severity 1 (mild) to 5 (extreme). A control has one value."""
     tolerance: float = 0.0
     """Largest difference between requested and delivered value in an episode (same unit). Infinite if one episode is
-    too short to measure it."""
+    too short to measure it, or it has no measure."""
     secondary_levels: tuple[float, ...] = ()
     """A second quantity that changes with the severity, explained in the summary."""
     unchanged: float | None = 0.0
     """The value in the clean episode, from which severities below 1 are interpolated. None for an axis whose levels are
     kinds or counts, which has whole severities only."""
+    incomparable: str = ""
+    """Why an equal severity is another perturbation in another simulator; empty if it is the same."""
     ordered: bool = True
     """Whether a higher severity is more of the same, as trends, areas and the severity of half the loss assume."""
 
@@ -144,6 +146,7 @@ _ALL = (
         levels=(2.0, 5.0, 10.0, 15.0, 20.0),
         tolerance=0.1,
         summary="The vertical field of view of the third-person camera is widened by this.",
+        incomparable="lenses differ, so that the same angle is another magnification",
         references="ManiSkill's randomisation has 2, robosuite's 5, RL-ViGen 10 and 20 (2307.10224)",
     ),
     Axis(
@@ -196,6 +199,7 @@ _ALL = (
         tolerance=5.0,
         summary="The table gets another texture, whose mean colour in the third-person image differs by this from the "
         "original, in a random direction of CIELAB: uniform at 1 and 2, gradient at 3, checkered at 4, blotches at 5.",
+        incomparable="it fills another share of each image, and its pattern is weaker in a light or a dark colour",
         references="2 is just visible; Colosseum's random colours and textures are roughly 4 and 5 (2402.08191)",
     ),
     Axis(
@@ -217,6 +221,7 @@ _ALL = (
         levels=(1.0, 2.0, 4.0, 7.0, 10.0),
         tolerance=0.1,
         summary="The task's object lies this far outside the region of its usual start positions, on a random side.",
+        incomparable="the regions of usual start positions are 1 to 20 cm wide",
         references="LIBERO-Plus moves by 1 to 15 (2510.13626)",
     ),
     Axis(
@@ -226,7 +231,8 @@ _ALL = (
         levels=(3.8, 7.6, 11.0, 15.0, 18.5),
         tolerance=0.2,
         summary="The gripper starts this far from its usual position in a random direction, at least 3 cm above the "
-        "table, and turned by 5, 10, 16, 21, 26 deg about a random axis if the arm can turn it (not in PyBullet).",
+        "table, and turned by 5, 10, 16, 21, 26 deg about a random axis.",
+        incomparable="policies can turn the tool back, but not in PyBullet",
         references="the displacement that LIBERO-Plus' offsets of 0.1 to 0.5 rad cause in robosuite (2510.13626)",
         secondary_levels=(5.0, 10.0, 16.0, 21.0, 26.0),
     ),
@@ -237,8 +243,8 @@ _ALL = (
         levels=(1.25, 1.5, 2.0, 3.0, 5.0),
         tolerance=0.01,
         unchanged=1.0,
-        summary="The mass of the task's objects is multiplied by this; their friction is multiplied or divided, at "
-        "random, by 1.1, 1.25, 1.5, 2, 3.",
+        summary="The mass of the task's objects is multiplied by this; the friction of their contacts is multiplied or "
+        "divided, at random, by 1.1, 1.25, 1.5, 2, 3.",
         references="robosuite's randomisation has 10 % of friction, Colosseum more by task (2402.08191)",
         secondary_levels=(1.1, 1.25, 1.5, 2.0, 3.0),
     ),
@@ -259,7 +265,7 @@ _ALL = (
         changes=Changes.IMAGES,
         unit="% of image width",
         levels=(0.3, 0.6, 1.0, 1.8, 2.7),
-        tolerance=0.0,
+        tolerance=0.1,
         summary="Gaussian blur of this deviation in every frame and camera.",
         references="ImageNet-C spans 0.45 to 2.7 % at 224 px (1903.12261)",
     ),
@@ -271,6 +277,7 @@ _ALL = (
         tolerance=float("inf"),
         summary="In this share of the policy's observations, evenly spaced from a random start, all cameras deliver "
         "the images of the previous observation. Proprioception is current.",
+        incomparable="it depends on the number of observations, and over few often freezes none",
         references="a deployment fault; absent from LIBERO-Plus (2510.13626)",
     ),
     Axis(
@@ -281,6 +288,7 @@ _ALL = (
         tolerance=float("inf"),
         summary="Gaussian noise on each axis of the executed translation. Its sum over one second has this deviation "
         "at every control rate.",
+        incomparable="what exceeds the largest motion of a control step is cut off",
         references="demonstrations have 0.1 of the largest motion per step as noise, about severity 2 to 3",
     ),
     Axis(
@@ -289,8 +297,9 @@ _ALL = (
         unit="ms",
         levels=(50.0, 100.0, 200.0, 300.0, 400.0),
         tolerance=25.0,
-        summary="Every action is executed this much later, rounded to control steps. Until the first action arrives, "
-        "the robot is commanded to stay in place with its gripper open.",
+        summary="Every action is executed this much later: the nearest number of control steps (half a step rounded "
+        "up). Until the first action arrives, the robot is commanded to stay in place with its gripper open.",
+        incomparable="it is a number of control steps, which are 50 ms long, or 40 in PyBullet",
         references="latencies of large policies served over a network",
     ),
     Axis(
@@ -298,11 +307,12 @@ _ALL = (
         changes=Changes.INSTRUCTION,
         unit="rewording type",
         levels=(1.0, 2.0, 3.0, 4.0, 5.0),
-        tolerance=0.0,
+        tolerance=float("inf"),
         unchanged=None,
         ordered=False,
         summary="The instruction is paraphrased: 1 adds a filler, 2 uses synonyms, 3 changes the syntax, 4 refers to "
         "objects by kind or place, 5 adds an irrelevant clause.",
+        incomparable="types of rewording are no scale",
         references="types as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
     ),
     Axis(

@@ -17,6 +17,10 @@ CAMERAS = ("third_person", "wrist")
 AT, AND = "@", "+"
 """Signs in the text of a combination."""
 _PART = re.compile(r"(?P<axis>[^@+]+)@(?P<severity>[0-9]{1,3}([.][0-9]{1,2})?)")
+AXIS_VERSIONS = {"action-delay": 2, "distractors": 2, "dynamics": 2, "robot-start": 2}
+"""Axes that do something else than in their first version. An episode's ids depend on it, so that it has no pair among
+episodes of another version. `Episode.axis_version` has what changed."""
+LATEST = max(AXIS_VERSIONS.values())
 FIRST_TRAINING_SEED = 1_000_000
 """Seeds from here on are for training and development; those of suites begin at 0, and never share a starting state."""
 SUCCESS_HOLD = 5
@@ -81,7 +85,7 @@ class Condition:
     axis: str = CLEAN
     """Name of the perturbation axis or control, `clean`, or the perturbations of a combination."""
     severity: int = 0
-    """0 for clean, 1 for a control or combination, else 1 (mild) to 5 (extreme but solvable)."""
+    """0 for clean, 1 for a control or combination, else 1 (mild) to 5 (extreme)."""
 
     def __str__(self) -> str:
         named = self.axis in (CLEAN, *CONTROLS) or self.is_combination
@@ -208,6 +212,9 @@ class Episode:
     seed: int
     protocol: Protocol
     condition: Condition = Condition()
+    axis_version: int = LATEST
+    """The axes are those of this version: in 2, half steps of a delay are rounded up, all distractors
+    are seen, friction is that of each contact instead of the object's own coefficient, and PyBullet turns the arm."""
 
     @property
     def simulator(self) -> str:
@@ -218,7 +225,12 @@ class Episode:
     def pair_id(self) -> str:
         """Hash of everything except the policy: equal for the episodes that a paired comparison compares."""
         condition, protocol = asdict(self.condition), self.protocol.described()
-        return content_hash({"task": self.task, "seed": self.seed, "condition": condition, "protocol": protocol})
+        content = {"task": self.task, "seed": self.seed, "condition": condition, "protocol": protocol}
+        names = (part.partition(AT)[0] for part in self.condition.axis.split(AND))
+        versions = {name: min(self.axis_version, AXIS_VERSIONS.get(name, 1)) for name in names}
+        if later := {name: version for name, version in versions.items() if version > 1}:
+            content["axis_versions"] = later  # ids are older than versions
+        return content_hash(content)
 
     @cached_property
     def id(self) -> str:

@@ -21,8 +21,6 @@ GLANCE = 1e-6
 class ManiSkillArm:
     """`Arm` of `scene_control`. Uses the inverse kinematics of ManiSkill's own controller."""
 
-    turns = True
-
     def __init__(self, env: Any, base_from_world: Any) -> None:
         """Take ManiSkill's environment, and SAPIEN's pose of the world in the base frame."""
         self._env, self._base_from_world = env, base_from_world

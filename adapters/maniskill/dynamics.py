@@ -16,22 +16,26 @@ class _Own:
 
     mass: float
     inertia: Any
-    materials: tuple[Any, ...]
-    """SAPIEN's materials of the collision shapes. Other bodies share them, so they are replaced and never changed."""
 
 
 class ManiSkillDynamics:
-    """`BodyDynamics` of `scene_control`. PhysX takes the mean of the two friction coefficients of a contact."""
+    """`BodyDynamics` of `scene_control`.
 
-    def __init__(self, entities: Iterable[Any]) -> None:
-        """Take SAPIEN's entities of the movable objects."""
+    A contact in PhysX takes the mean of two frictions: those of all bodies are scaled, so that the contact's is.
+    """
+
+    def __init__(self, env: Any, entities: Iterable[Any]) -> None:
+        """Take an environment of ManiSkill and SAPIEN's entities of its movable objects."""
         import sapien
 
         self._bodies = [entity.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent) for entity in entities]
-        self._own = [
-            _Own(body.mass, body.inertia, tuple(shape.physical_material for shape in body.collision_shapes))
-            for body in self._bodies
-        ]
+        self._own = [_Own(body.mass, body.inertia) for body in self._bodies]
+        parts = [part for entity in env.scene.sub_scenes[0].entities for part in entity.components]
+        shapes = [shape for part in parts for shape in getattr(part, "collision_shapes", ())]
+        self._materials = [(shape, shape.physical_material) for shape in shapes]
+        """Shapes share their materials, which are replaced and never changed."""
+        self._shape = self._bodies[0].collision_shapes[0]
+        self._friction = self._shape.physical_material.dynamic_friction
         self._changed = False
 
     def undo(self) -> None:
@@ -39,15 +43,14 @@ class ManiSkillDynamics:
         if self._changed:
             for body, own in zip(self._bodies, self._own, strict=True):
                 body.mass, body.inertia = own.mass, own.inertia
-                for shape, material in zip(body.collision_shapes, own.materials, strict=True):
-                    shape.physical_material = material
+            for shape, material in self._materials:
+                shape.physical_material = material
             self._changed = False
 
     def dynamics(self) -> DynamicsFactors:
         """Return the present factors, which are equal for all objects, from PhysX."""
-        body, own = self._bodies[0], self._own[0]
-        friction = body.collision_shapes[0].physical_material.dynamic_friction
-        return DynamicsFactors(body.mass / own.mass, friction / own.materials[0].dynamic_friction)
+        friction = self._shape.physical_material.dynamic_friction
+        return DynamicsFactors(self._bodies[0].mass / self._own[0].mass, friction / self._friction)
 
     def set_dynamics(self, dynamics: DynamicsFactors) -> None:
         """Scale mass and friction, until the next reset."""
@@ -56,9 +59,9 @@ class ManiSkillDynamics:
         self._changed = True
         for body, own in zip(self._bodies, self._own, strict=True):
             body.mass, body.inertia = own.mass * dynamics.mass, own.inertia * dynamics.mass
-            for shape, material in zip(body.collision_shapes, own.materials, strict=True):
-                static, sliding = (dynamics.friction * f for f in (material.static_friction, material.dynamic_friction))
-                shape.physical_material = sapien.physx.PhysxMaterial(static, sliding, material.restitution)
+        for shape, own in self._materials:
+            static, sliding = dynamics.friction * own.static_friction, dynamics.friction * own.dynamic_friction
+            shape.physical_material = sapien.physx.PhysxMaterial(static, sliding, own.restitution)
 
 
 def renew_physics(env: Any) -> None:

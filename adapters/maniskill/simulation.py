@@ -84,7 +84,7 @@ class ManiSkillSimulation(BaseSimulation):
             lights=ManiSkillLights(env, base_from_world, layout.usual_pixel),
             objects=ManiSkillObjects(self._objects, layout.regions, base_from_world) if layout.regions else None,
             arm=ManiSkillArm(env, base_from_world) if alone else None,
-            dynamics=ManiSkillDynamics(self._objects.values()),
+            dynamics=ManiSkillDynamics(env, self._objects.values()),
             table=ManiSkillTable(env, base_from_world),
         )
 

@@ -22,8 +22,6 @@ DAMPING, STRIDE, ROUNDS = 1e-4, 0.1, 200
 class MujocoArm:
     """An `Arm` of `scene_control`. Every reset places the arm and creates its controllers, so there is no `undo`."""
 
-    turns = True
-
     def __init__(self, physics: MujocoPhysics, controller: Callable[[], Any], tool: tuple[str, str]) -> None:
         """Take the names of the tool centre point's site and of the hand's body.
 

@@ -22,8 +22,7 @@ CHANGED = (*MASSES, *COMPLIANCES, "geom_friction")
 class MujocoDynamics:
     """`BodyDynamics` of `scene_control`.
 
-    A contact in MuJoCo takes the larger of two frictions, so a coefficient below that of the table (1) or of the
-    fingertips (2) has no effect there.
+    A contact in MuJoCo takes the larger of two frictions: those of all bodies are scaled, so that the contact's is.
     """
 
     def __init__(self, physics: MujocoPhysics, objects: Iterable[str]) -> None:
@@ -51,7 +50,7 @@ class MujocoDynamics:
             getattr(self._model, name)[self._chosen(name)] *= dynamics.mass
         for name in COMPLIANCES:
             getattr(self._model, name)[self._chosen(name)] /= dynamics.mass
-        self._model.geom_friction[self._chosen("geom_friction"), SLIDING] *= dynamics.friction
+        self._model.geom_friction[:, SLIDING] *= dynamics.friction
         self._physics.settle()
 
     def _chosen(self, name: str) -> NDArray[np.bool_]:

@@ -37,9 +37,10 @@ def joint_limits(env: Any) -> FloatArray:
 
 
 class PyBulletArm:
-    """`Arm` of `scene_control`. panda-gym's controller keeps the gripper pointing down, so the tool cannot rotate."""
+    """`Arm` of `scene_control`.
 
-    turns = False
+    panda-gym's controller keeps the gripper pointing down, or as it was placed. Actions do not turn it.
+    """
 
     def __init__(self, env: Any, hold: Callable[[FloatArray], None]) -> None:
         """Take an unwrapped panda-gym environment, and a function that makes the controller hold a position (3,)."""
@@ -52,11 +53,8 @@ class PyBulletArm:
         """Bring the arm to a tool pose, until the next reset.
 
         Raises:
-            Unreachable: The tool would rotate, miss the pose, or touch something.
+            Unreachable: The tool would miss the pose, or touch something.
         """
-        turn = _angle(tool_pose(self._env)[1], quaternion)
-        if turn > ANGLE_TOLERANCE:
-            raise Unreachable(f"the arm cannot turn its tool in PyBullet; {turn:.3f} rad were asked for")
         before = self._client.getJointStates(self._body, JOINTS)
         self._solve(position, quaternion)
         obstacle = self._obstacle(position, quaternion)
@@ -65,6 +63,14 @@ class PyBulletArm:
                 self._client.resetJointState(self._body, joint, angle, velocity)
             raise Unreachable(f"the tool cannot be brought to {np.round(position, 3).tolist()} m: {obstacle}")
         self._hold(tool_pose(self._env)[0])
+        solve = type(self._robot).inverse_kinematics
+        self._robot.inverse_kinematics = lambda link, position, orientation: solve(
+            self._robot, link, position, quaternion
+        )
+
+    def undo(self) -> None:
+        """Let the controller keep the gripper pointing down."""
+        vars(self._robot).pop("inverse_kinematics", None)
 
     def _solve(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Move the joints to a tool pose, until the inverse kinematics converges."""

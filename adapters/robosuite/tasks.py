@@ -38,6 +38,7 @@ WITH_ANY_ARM = {
     "Door": TaskDescription(
         "turn the handle down and pull the door open",
         horizon=180,
+        fixed={"table": "its table fills less than a tenth of the image"},
         goal=Goal("hinge_angle", offset=(0.3,), handle="handle_position"),
     ),
 }

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, Delivered, FloatArray, StepOutcome
+from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, Delivered, FloatArray, Simulation, StepOutcome
 from robogauntlet.orchestrator.perturbations.base import Perturbed, generator_for
 
 OPEN_GRIPPER = -1.0
@@ -86,11 +86,9 @@ class ActionDelay(PerturbedActions):
         """Start the episode; the robot stays until the first action arrives."""
         super().reset(seed)
         spec = self.action_spec
-        still = np.array([OPEN_GRIPPER if name.endswith(GRIPPER) else 0.0 for name in spec.names])
-        if spec.joints:
-            still[:-1] = self.simulation.privileged_state()["joint_targets"]
-        still[spec.ignored_indices] = 0.0
-        self._delayed = [still] * delay_steps(self.level, spec.control_hz, least=int(self.severity >= 1))
+        self._delayed = [standstill(self.simulation)] * delay_steps(
+            self.level, spec.control_hz, least=int(self.severity >= 1)
+        )
 
     def _executed(self, action: FloatArray) -> FloatArray:
         self._delayed.append(action)
@@ -101,9 +99,19 @@ class ActionDelay(PerturbedActions):
         return Delivered(self._checked(1000 * len(self._delayed) / self.action_spec.control_hz))
 
 
+def standstill(simulation: Simulation) -> FloatArray:
+    """The action with which the robot stays in place, with open grippers."""
+    spec = simulation.action_spec
+    still = np.array([OPEN_GRIPPER if name.endswith(GRIPPER) else 0.0 for name in spec.names])
+    if spec.joints:
+        still[:-1] = simulation.privileged_state()["joint_targets"]
+    still[spec.ignored_indices] = 0.0
+    return still
+
+
 def delay_steps(delay_ms: float, control_hz: float, least: int = 1) -> int:
-    """The delay in control steps, rounded, at least `least`."""
-    return max(least, round(delay_ms / 1000 * control_hz))
+    """The delay in control steps, the nearest number (of two, the larger), at least `least`."""
+    return max(least, math.floor(delay_ms / 1000 * control_hz + 0.5))
 
 
 def step_deviation(spread: float, control_hz: float) -> float:

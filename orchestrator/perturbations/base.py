@@ -123,6 +123,7 @@ class Perturbed(PerturbedSimulation):
     def _twin(self) -> Perturbed:
         """A copy whose observations change nothing in this wrapper, nor in those below it."""
         twin = copy.copy(self)
+        twin.generator = copy.deepcopy(self.generator)
         for name, value in vars(self).items():
             if isinstance(value, dict | set):
                 setattr(twin, name, value.copy())
@@ -164,8 +165,8 @@ class Unperturbed(Perturbed):
     """The clean episode under another name."""
 
     def delivered(self) -> Delivered:
-        """The level, as nothing is changed."""
-        return Delivered(self.level)
+        """Nothing is changed, and nothing measured."""
+        return Delivered(None)
 
 
 class PerturbedScene(Perturbed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,8 +51,8 @@ class PerturbedImages(Perturbed):
     def _image(self, image: Image, camera: int) -> Image:
         raise NotImplementedError
 
-    def _measured(self) -> float:
-        return self.level
+    def _measured(self) -> float | None:
+        return None
 
     def _ratios(self) -> list[float]:
         """PSNR of each camera's first image (dB)."""
@@ -78,15 +79,23 @@ class SensorNoise(PerturbedImages):
 
 
 class Blur(PerturbedImages):
-    """A Gaussian blur. It must change at least one image, since one without edges stays the same."""
+    """A Gaussian blur, measured by what the first images have lost of their high frequencies."""
+
+    def reset(self, seed: int) -> None:
+        """Start the episode."""
+        super().reset(seed)
+        self._first: dict[int, tuple[Image, Image]] = {}
 
     def _image(self, image: Image, camera: int) -> Image:
-        return blur(image, self.level)
+        blurred = blur(image, self.level)
+        self._first.setdefault(camera, (image, blurred))
+        return blurred
 
-    def _measured(self) -> float:
-        if self.must_show and all(map(math.isinf, self._ratios())):
+    def _measured(self) -> float | None:
+        changed = [(own, other) for own, other in self._first.values() if (own != other).any()]
+        if not changed and self.must_show:
             raise self._not_delivered("expected blurred images, got what the cameras saw")
-        return self.level
+        return self._checked(blur_between(changed)) if changed else None
 
 
 class Blind(PerturbedImages):
@@ -156,6 +165,26 @@ def blur(image: Image, deviation: float) -> Image:
     smooth = convolve1d(image.astype(np.float64), kernel, axis=0, mode="nearest")
     blurred: Image = np.rint(convolve1d(smooth, kernel, axis=1, mode="nearest")).astype(np.uint8)
     return blurred
+
+
+def blur_between(pairs: Sequence[tuple[Image, Image]]) -> float:
+    """The deviation (% of the width) of the Gaussian blur that explains best what square images (n, n, 3) have become.
+
+    A discrete Gaussian of variance t multiplies the cosine transform by e^-t(2 - cos a - cos b); t is the one with the
+    least squared error.
+    """
+    from scipy.fft import dctn
+    from scipy.optimize import minimize_scalar
+
+    width = len(pairs[0][0])
+    before, after = dctn(np.array(pairs, dtype=np.float64).swapaxes(0, 1), axes=(2, 3))
+    cosine = np.cos(np.pi * np.arange(width) / width)
+    decay = (2.0 - cosine[:, None] - cosine)[..., None]
+
+    def error(deviation: float) -> float:
+        return float(np.square(after - before * np.exp(-((deviation / 100 * width) ** 2) * decay)).sum())
+
+    return float(minimize_scalar(error, bounds=(0.0, 10.0), method="bounded").x)
 
 
 def gaussian_kernel(deviation: float) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import replace
 
 from robogauntlet.adapters.catalog import task_descriptions
@@ -34,10 +36,13 @@ class Instruction(Perturbed):
         return replace(observation, instruction=instruction)
 
     def delivered(self) -> Delivered:
-        """The level, if the instruction differed from the task's own."""
+        """What was changed: words of the task's own that are left out, and added ones. Rewording has no value."""
         if any(own == given for own, given in self._given):
             raise self._not_delivered("expected other words than the task's own, got the same")
-        return Delivered(self.level if self._given else None)
+        if not self._given:
+            return Delivered(None)
+        own, given = (Counter(re.findall(r"\w+", text)) for text in min(self._given))
+        return Delivered(None, {"words_left_out": (own - given).total(), "words_added": (given - own).total()})
 
     def _changed(self, instruction: str) -> str:
         return PARAPHRASES[instruction][int(self.severity) - 1]
@@ -67,7 +72,7 @@ class VariantName(Instruction):
         return published
 
     def delivered(self) -> Delivered:
-        """The level, and what the variant itself changed: `variant` and further numbers."""
+        """What the instruction and the variant itself changed: `variant` and further numbers."""
         given = super().delivered()
         if not isinstance(self.simulation, Measured):
             return given

@@ -77,7 +77,7 @@ class Dynamics(Perturbed):
 
 
 class RobotStart(Perturbed):
-    """The tool at another start position, and turned if the arm can turn it."""
+    """The tool at another start position, and turned."""
 
     def reset(self, seed: int) -> None:
         """Start the clean episode, then move the arm to the first of many drawn poses that it can reach.
@@ -93,10 +93,9 @@ class RobotStart(Perturbed):
         before = self.simulation.privileged_state()
         lowest = self.scene_controls.table.table_height + MIN_HEIGHT if self.scene_controls.table else -math.inf
         own = Rotation.from_quat(before["tcp_quaternion"])
-        angle = math.radians(self.secondary_level) * arm.turns
         for _ in range(DRAWS):
             position = before["tcp_position"] + self.level / 100 * unit(self.generator.standard_normal(3))
-            turn = Rotation.from_rotvec(angle * unit(self.generator.standard_normal(3)))
+            turn = Rotation.from_rotvec(math.radians(self.secondary_level) * unit(self.generator.standard_normal(3)))
             if position[2] < lowest:
                 continue
             try:

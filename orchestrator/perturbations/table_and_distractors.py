@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from robogauntlet.adapters.camera_geometry import aim_point
 from robogauntlet.adapters.contract import FloatArray, Observation, is_of_second_arm
 from robogauntlet.adapters.photometry import difference, encoded, lab, light_of_lab, linear
-from robogauntlet.adapters.scene_control import Form, Prop
+from robogauntlet.adapters.scene_control import Form, Prop, Viewpoint
 from robogauntlet.orchestrator.perturbations.base import ImagePairs, Images, PerturbedScene
 from robogauntlet.orchestrator.perturbations.cameras import THIRD_PERSON
 
@@ -29,17 +29,17 @@ CLEARANCE = 0.05
 """Smallest distance of a prop from the task's objects and the lines between them, all taken as round (m)."""
 OBJECT_RADIUS = 0.03
 """Radius of a task's object (m)."""
-WINDOW = np.array([0.22, 0.28])
-"""Largest distance of a prop from the aim point of the third-person camera (m): x, y."""
 DRAWS, MOST_DRAWS = 400, 8000
-WIDENING = 1.25
-"""Factor of the window after `DRAWS` draws; after `MOST_DRAWS`, the table counts as full."""
+SHOWN = 0.9
+"""Part of the third-person image, from its middle to its edges, in which props stand."""
+VISIBLE = 0.25
+"""Share of a prop's disc in the image that must show it."""
 MIN_X = 0.2
 """Smallest distance of a prop from the robot's base, forwards (m)."""
 
 MIN_CONTRAST = 0.1
 """Difference of linear light between white and black paint from which a pixel counts as the table's."""
-MIN_TABLE = 0.03
+MIN_TABLE = 0.1
 """Smallest share of the image that the table must fill."""
 MARGIN = 0.005
 """Distance of a paint from black and white, in linear light."""
@@ -69,58 +69,99 @@ class PerturbedTable(PerturbedScene):
 
 
 class Distractors(PerturbedTable):
-    """Props on the table that cannot be touched."""
+    """Props on the table that cannot be touched, each visible in the third-person image."""
+
+    max_draws = 8
+    """Number of draws after which hidden props are accepted, or refused by the tolerance."""
 
     def reset(self, seed: int) -> None:
         """Start the clean episode, then put props on the table."""
         super().reset(seed)
-        self._props = self._drawn_props()
+        self._cameras = self._required(self.scene_controls.cameras, "cameras be read")
+        self._props = self._drawn_props([])
         self._show(perturbed=True)
 
     def _show(self, *, perturbed: bool) -> None:
         self._control.show(self._props if perturbed else ())
 
-    def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
-        return self._checked(len(self._control.shown())), {"covered": self._changed_share(pairs)}
+    def _first_observation(self, clean: Images) -> Observation:
+        """Observe; hidden props, such as those behind the arm, are drawn anew before."""
+        for _ in range(self.max_draws):
+            self._show(perturbed=True)
+            observation = self.simulation.observe()
+            self._visible = self._seen(clean, observation.images)
+            if all(self._visible) or not self.must_show:
+                break
+            self._props = self._drawn_props(
+                [prop for prop, seen in zip(self._props, self._visible, strict=True) if seen]
+            )
+        return observation
 
-    def _drawn_props(self) -> list[Prop]:
-        """Props that stand on the table; raises NotDelivered if it has no room for them."""
+    def _measured(self, pairs: ImagePairs) -> tuple[float | None, dict[str, float]]:
+        covered = {"covered": self._changed_share(pairs)}
+        if THIRD_PERSON not in pairs:
+            return None, covered
+        return (self._checked if self.must_show else float)(sum(self._visible)), covered
+
+    def _seen(self, clean: Images, images: Images) -> list[bool]:
+        """Whether enough of the disc in which each prop appears differs from the clean third-person image.
+
+        A pixel belongs to the nearest prop whose disc it is in.
+        """
+        if THIRD_PERSON not in images:
+            return [True] * len(self._props)
+        changed = (clean[THIRD_PERSON] != images[THIRD_PERSON]).any(axis=2)
+        rows, columns = np.indices(changed.shape)
+        discs = discs_of(self._cameras.viewpoint(THIRD_PERSON), self._props, len(changed))
+        seen = [False] * len(self._props)
+        for number in np.argsort(discs[:, 3]):
+            column, row, radius, _ = discs[number]
+            disc = (columns - column) ** 2 + (rows - row) ** 2 <= max(radius, 1.0) ** 2
+            seen[number] = bool(changed[disc].sum() >= VISIBLE * math.pi * radius**2)
+            changed[disc] = False
+        return seen
+
+    def _drawn_props(self, kept: Sequence[Prop]) -> list[Prop]:
+        """These props, and others on the table in the third-person image; NotDelivered if it has no room for them."""
         state = self.simulation.privileged_state()
         objects = [
             where[:2] for name, where in state.items() if name.endswith("_position") and not is_of_second_arm(name)
         ]
-        cameras = self._required(self.scene_controls.cameras, "cameras be read")
-        aim = aim_point(cameras.viewpoint(THIRD_PERSON), self._control.table_height)[:2]
-        generator, window, (low, high) = self.generator, WINDOW, self._control.table_edges
-        props: list[Prop] = []
-        draws = 0
-        while len(props) < self.level:
-            if draws == MOST_DRAWS:
-                raise self._not_delivered(f"the table has no room for {self.level:g} props, only for {len(props)}")
+        generator, (low, high), props = self.generator, self._control.table_edges, list(kept)
+        own = [prop for prop in kept if prop.colour in TASK_COLOURS]
+        for _ in range(MOST_DRAWS):
+            if len(props) >= self.level:
+                return props
             size, yaw = generator.uniform(*SIZES), generator.uniform(0.0, math.pi)
             radius = size / math.sqrt(2)
             form = list(Form)[generator.integers(len(Form))]
-            centre, half = _part_on_table(aim, window, low, high)
-            place = centre + half * generator.uniform(-1.0, 1.0, 2)
-            draws += 1
-            if draws % DRAWS == 0:
-                window = window * WIDENING
-            on_table = (place >= low + radius).all() and (place <= high - radius).all()
-            if place[0] < MIN_X or not on_table or not _is_free(place, radius, objects, props):
+            place = point_on_plane(
+                self._cameras.viewpoint(THIRD_PERSON), generator.uniform(-SHOWN, SHOWN, 2), self._control.table_height
+            )
+            if place is None or place[0] < MIN_X or not _is_free(place, radius, objects, props):
                 continue
-            colours = TASK_COLOURS if len(props) % 2 == 0 else OTHER_COLOURS
-            colour = colours[generator.integers(len(colours))]
-            props.append(Prop(form, np.array([*place, self._control.table_height + size / 2]), size, yaw, colour))
-        return props
+            if (place >= low + radius).all() and (place <= high - radius).all():
+                colours = TASK_COLOURS if 2 * len(own) <= len(props) else OTHER_COLOURS
+                colour = colours[generator.integers(len(colours))]
+                props.append(Prop(form, np.array([*place, self._control.table_height + size / 2]), size, yaw, colour))
+                own += props[-1:] if colours is TASK_COLOURS else []
+        raise self._not_delivered(f"the table has no room for {self.level:g} props, only for {len(props)}")
 
 
-def _part_on_table(
-    aim: FloatArray, window: FloatArray, low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Centre and half sides (2,) of the part of a window about the aim point that is on the table (m)."""
-    start, end = np.maximum(aim - window, low), np.minimum(aim + window, high)
-    is_cut = (start > aim - window) | (end < aim + window)
-    return np.where(is_cut, (start + end) / 2.0, aim), np.where(is_cut, (end - start) / 2.0, window)
+def point_on_plane(viewpoint: Viewpoint, direction: FloatArray, height: float) -> FloatArray | None:
+    """The point (2,) of a horizontal plane at a place (2,) in the image, from -1 (left, top) to 1; None in the sky."""
+    ray = viewpoint.rotation @ np.append(direction * math.tan(viewpoint.fovy / 2), 1.0)
+    if ray[2] >= 0.0:
+        return None
+    return np.asarray((viewpoint.position + ray * (height - viewpoint.position[2]) / ray[2])[:2])
+
+
+def discs_of(viewpoint: Viewpoint, props: Sequence[Prop], pixels: int) -> FloatArray:
+    """Column, row and radius (px) of n props in an image of that size, and their depths (m), shape (n, 4)."""
+    right, down, forward = ((np.array([prop.position for prop in props]) - viewpoint.position) @ viewpoint.rotation).T
+    scale = pixels / 2 / math.tan(viewpoint.fovy / 2) / forward
+    middle, radii = (pixels - 1) / 2, np.array([prop.size / 2 for prop in props])
+    return np.column_stack([middle + right * scale, middle + down * scale, radii * scale, forward])
 
 
 def _is_free(place: FloatArray, radius: float, objects: list[FloatArray], props: list[Prop]) -> bool:
@@ -153,7 +194,10 @@ class Table(PerturbedTable):
         own, black, white = _light(clean), self._plain("black", 0.0), self._plain("white", 1.0)
         self._table_pixels = ((white - black) > MIN_CONTRAST).all(axis=2)
         if self._table_pixels.mean() < MIN_TABLE:
-            raise self._not_delivered("expected a table in the third-person image, found none")
+            filled = 100 * self._table_pixels.mean()
+            raise self._not_delivered(
+                f"expected the table to fill {100 * MIN_TABLE:g} % of the image, got {filled:.1f} %"
+            )
         self._own = self._mean(own)
         dark, light = self._mean(black), self._mean(white)
         values = pattern(PATTERNS[max(0, round(self.severity) - 1)], self.generator)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import PlannedCell, RunDocument
 from robogauntlet.results.statistics.aggregate import Outcomes
+from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
 
 if TYPE_CHECKING:
@@ -38,6 +39,14 @@ class GateRow:
     """Whether too few passed, so that the level is left out for this task."""
 
 
+def is_undelivered(frame: pd.DataFrame) -> pd.Series[bool]:
+    """Whether what the axis delivered in an episode was measured, and is the value of the clean episode."""
+    if "delivered" not in frame:
+        return frame["status"].isna()
+    unchanged = frame["axis"].astype(str).map({name: axis.unchanged for name, axis in AXES.items()})
+    return frame["delivered"] == unchanged.astype(float)
+
+
 CELL = ["task", "policy_digest", "axis", "severity"]
 """Columns that identify a cell of the plan."""
 
@@ -51,8 +60,8 @@ class Rows:
 
     @classmethod
     def of_frame(cls, frame: pd.DataFrame) -> Rows:
-        """Index the rows of a run; errors are dropped."""
-        verdicts = frame[frame["status"] != str(Status.ERROR)]
+        """Index the rows of a run; errors, and episodes in which the axis changed nothing, are dropped."""
+        verdicts = frame[(frame["status"] != str(Status.ERROR)) & ~is_undelivered(frame)]
         groups = verdicts.groupby(CELL, observed=True, sort=False).indices if len(verdicts) else {}
         return cls(verdicts, {(str(t), str(p), str(a), int(s)): rows for (t, p, a, s), rows in groups.items()})
 

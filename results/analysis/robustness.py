@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robogauntlet.results.analysis import eligible_episodes as eligibility
 from robogauntlet.results.analysis.condition_comparison import ConditionComparison, compare_conditions
-from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes, GateRow, select_eligible
+from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes, GateRow
 from robogauntlet.results.analysis.robustness_summary import RobustnessSummary, build_robustness_summary
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
@@ -41,6 +42,8 @@ class DeliveredCell:
     low: float
     """Smallest value of an episode."""
     high: float
+    undelivered: int = 0
+    """Episodes in which the axis changed nothing; they count in no rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +114,18 @@ class StartStates:
 
 
 @dataclass(frozen=True, slots=True)
+class GatedPolicy:
+    """Perturbed episodes of one policy, with and without the oracle gate; controls and combinations apart."""
+
+    policy: str
+    episodes: int
+    successes: int
+    counted: int
+    """Episodes that the gate lets count."""
+    counted_successes: int
+
+
+@dataclass(frozen=True, slots=True)
 class Robustness:
     """All results under perturbations."""
 
@@ -123,6 +138,8 @@ class Robustness:
     """Policy that must solve an episode for it to count."""
     gate_rows: tuple[GateRow, ...]
     """Conditions in which it did not solve every seed."""
+    gated: tuple[GatedPolicy, ...]
+    """Empty if it solved every seed."""
     delivered: tuple[DeliveredRow, ...]
     start_states: StartStates
     unsupported: tuple[Unsupported, ...] = ()
@@ -146,7 +163,8 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
     perturbed = [cell for cell in document.plan if cell.axis != CLEAN and not cell.condition.is_combination]
     named = dict.fromkeys(cell.axis for cell in perturbed)
     axes = tuple(name for name in named if name not in CONTROLS)
-    eligible = select_eligible(document, frame)
+    of_axes = [cell for cell in perturbed if cell.axis in axes]
+    eligible = eligibility.select_eligible(document, frame)
     baselines = {name: [c for c in document.plan if c.policy == name] for name in document.suite.no_skill_baselines}
     known: list[PolicyCurve] = []
     for axis in named:
@@ -162,12 +180,15 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         for row in known
         if row.axis not in (*axes, AGAIN)
     ]
+    gate_rows = tuple(row for row in eligible.gate_rows if row.passed < row.seeds)
+    measured = dict.fromkeys(c.policy for c in of_axes if c.policy not in (document.suite.oracle_gate, *baselines))
     return Robustness(
         axes,
         tuple(curve for curve in known if curve.axis in axes),
         tuple(controls),
         document.suite.oracle_gate,
-        tuple(row for row in eligible.gate_rows if row.passed < row.seeds),
+        gate_rows,
+        tuple(_gated(name, [c for c in of_axes if c.policy == name], eligible) for name in measured if gate_rows),
         _delivered(axes, frame),
         _start_states(frame),
         document.unsupported,
@@ -176,6 +197,13 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         document.suite.no_skill_baselines,
         build_robustness_summary(document, eligible),
     )
+
+
+def _gated(policy: str, cells: Sequence[PlannedCell], eligible: EligibleEpisodes) -> GatedPolicy:
+    played = [status for cell in cells for status in eligible.rows.of_cell(cell)["status"]]
+    counted = [*eligible.verdicts(cells)["status"]]
+    won = [statuses.count(str(Status.SUCCESS)) for statuses in (played, counted)]
+    return GatedPolicy(policy, len(played), won[0], len(counted), won[1])
 
 
 def _curve(
@@ -214,11 +242,15 @@ def _no_skill_rates(
 
 def _delivered(axes: Sequence[str], frame: pd.DataFrame) -> tuple[DeliveredRow, ...]:
     measured = frame[frame["delivered"].notna()]
-    groups = measured.groupby(["axis", "severity", "simulator"], observed=True)["delivered"]
-    found = groups.agg(["count", "mean", "min", "max"])
+    groups = measured.assign(nothing=eligibility.is_undelivered(measured)).groupby(
+        ["axis", "severity", "simulator"], observed=True
+    )
+    found = groups["delivered"].agg(["count", "mean", "min", "max"]).join(groups["nothing"].sum())
     cells: dict[tuple[str, int], list[DeliveredCell]] = {}
-    for (axis, severity, simulator), (count, mean, low, high) in zip(found.index, found.to_numpy(), strict=True):
-        cell = DeliveredCell(str(simulator), int(count), float(mean), float(low), float(high))
+    for (axis, severity, simulator), (count, mean, low, high, nothing) in zip(
+        found.index, found.to_numpy(), strict=True
+    ):
+        cell = DeliveredCell(str(simulator), int(count), float(mean), float(low), float(high), int(nothing))
         cells.setdefault((str(axis), int(severity)), []).append(cell)
     return tuple(
         DeliveredRow(axis, severity, AXES[axis].value(severity), AXES[axis].unit, tuple(cells[axis, severity]))

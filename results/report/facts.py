@@ -94,7 +94,8 @@ DEFINITIONS = {
     f"level. A level at which the oracle solves less than {100 * LEAST_SOLVED:.0f} % of a task's seeds is left out for "
     "this task.",
     "delivered": "Mean measured strength of the perturbation, with minimum and maximum over episodes. Spread: range of "
-    "the simulators' means relative to the requested value.",
+    "the simulators' means relative to the requested value. Episodes in which an axis delivered nothing count in no "
+    "rate.",
     "sensitivity index": "Share of the variance of the success rate in which an axis takes part, by itself or together "
     "with others (total Sobol' index); the shares of axes that act together overlap. Noise of single episodes is not "
     "counted. 95 % intervals over points and seeds.",

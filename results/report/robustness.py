@@ -99,7 +99,8 @@ def delivered_table(robustness: Robustness) -> TextTable:
 def _value(cell: DeliveredCell | None) -> str:
     if cell is None:
         return NOTHING
-    return f"{cell.mean:.4g}" if cell.low == cell.high else f"{cell.mean:.4g} [{cell.low:.4g}, {cell.high:.4g}]"
+    value = f"{cell.mean:.4g}" if cell.low == cell.high else f"{cell.mean:.4g} [{cell.low:.4g}, {cell.high:.4g}]"
+    return f"{value}; nothing in {cell.undelivered:,} of {cell.episodes:,}" if cell.undelivered else value
 
 
 def start_states_sentence(robustness: Robustness) -> str:
@@ -149,11 +150,17 @@ def gate_table(robustness: Robustness) -> TextTable:
 def oracle_gate_sentence(robustness: Robustness) -> str:
     """A sentence on the oracle gate."""
     if robustness.oracle_gate is None:
-        return "There is no oracle gate: it was not tested whether the perturbed episodes can be solved."
+        return "There is no oracle gate: no script was tried on the perturbed episodes."
     if not robustness.gate_rows:
         return f"The oracle gate {robustness.oracle_gate} solved every seed under every condition."
     gate = robustness.oracle_gate
-    return f"Seeds that the oracle gate {gate} did not solve are left out for all policies and levels."
+    sentence = f"Seeds that the oracle gate {gate} did not solve are left out for all policies and levels."
+    for row in robustness.gated:
+        left_out, won = row.episodes - row.counted, row.successes - row.counted_successes
+        played = f"{row.successes:,} of {formatting.counted(row.episodes, 'perturbed episode')}"
+        counted = f"{row.counted_successes:,} of the {row.counted:,} that count"
+        sentence += f" {row.policy} succeeds in {played}, in {counted}, and in {won:,} of the {left_out:,} left out."
+    return sentence
 
 
 def summary_table(summary: RobustnessSummary) -> TextTable:

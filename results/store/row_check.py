@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from robogauntlet.results.record import FIELDS, EpisodeResult, FailureKind, Status
 from robogauntlet.results.run_document import MAX_COUNT, RunDocument
+from robogauntlet.suites.episode import LATEST
 from robogauntlet.suites.ranges import MAX_STEPS
 from robogauntlet.support.json_text import parse_json
 
@@ -47,7 +49,9 @@ class RowCheck:
         if episode.protocol != self._suite.protocol_with(row.horizon):
             return "its protocol is not that of the suite"
         rest = {name: getattr(row, name) for name in FIELDS if name not in IDENTITY}
-        return None if row == EpisodeResult.from_episode(episode, **rest) else "its id is not that of its episode"
+        versions = (replace(episode, axis_version=version) for version in range(LATEST, 0, -1))
+        known = any(row == EpisodeResult.from_episode(one, **rest) for one in versions)
+        return None if known else "its id is not that of its episode"
 
 
 def _fault_of(value: Any) -> str | None:

@@ -15,6 +15,7 @@ from robogauntlet.adapters.maniskill import SIMULATOR
 from robogauntlet.adapters.maniskill import simulation as maniskill
 from robogauntlet.adapters.maniskill.robot import _command, _euler_xyz
 from robogauntlet.adapters.maniskill.simulation import _device_name
+from robogauntlet.adapters.scene_control import DynamicsFactors
 from robogauntlet.suites.episode import RenderProfile, View
 
 
@@ -44,6 +45,21 @@ def push():
     simulation = SIMULATOR.open("PushCube-v1", View(image_size=96))
     yield simulation
     simulation.close()
+
+
+@pytest.mark.simulator
+def test_a_cube_is_slowed_down_by_the_friction_that_was_asked_for(push):
+    lost = []
+    for factor in (1.0, 2.0):
+        push.reset(0)
+        push.scene_controls.dynamics.set_dynamics(DynamicsFactors(friction=factor))
+        body = next(part for part in push._objects["cube"].components if hasattr(part, "linear_velocity"))
+        for _ in range(5):
+            push._env.scene.px.step()
+        body.set_linear_velocity([0.0, 1.0, 0.0])
+        push._env.scene.px.step()
+        lost.append(1.0 - body.linear_velocity[1])
+    assert lost[1] / lost[0] == pytest.approx(2.0, rel=0.02)
 
 
 def squeeze(simulation, seed):

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.camera_geometry import looking_at
 from robogauntlet.adapters.contract import ACTION_NAMES
@@ -105,11 +106,32 @@ def test_moving_the_cube_leaves_the_goal_where_it_is(opened):
     assert np.array_equal(simulation.privileged_state()["goal_position"], before["goal_position"])
 
 
-def test_a_turned_tool_is_refused(opened):
-    simulation = opened(REACH)
+def test_a_turned_tool_stays_turned_until_the_next_reset(opened):
+    simulation, turns = opened(REACH), []
     simulation.reset(0)
-    with pytest.raises(Unreachable, match="cannot turn"):
-        simulation.scene_controls.arm.place_tool(simulation.privileged_state()["tcp_position"], np.array([0, 1, 0, 0]))
+    state = simulation.privileged_state()
+    own = Rotation.from_quat(state["tcp_quaternion"])
+    simulation.scene_controls.arm.place_tool(state["tcp_position"], (Rotation.from_rotvec([0.3, 0, 0]) * own).as_quat())
+    for _ in range(2):
+        for _ in range(20):
+            simulation.step(np.array([0.01, 0, 0, 0, 0, 0, 0]))
+        turns.append((Rotation.from_quat(simulation.privileged_state()["tcp_quaternion"]) * own.inv()).magnitude())
+        simulation.reset(0)
+    assert turns == pytest.approx([0.3, 0.0], abs=0.02)
+
+
+def test_a_cube_is_slowed_down_by_the_friction_that_was_asked_for(opened):
+    simulation, lost = opened(PUSH), []
+    for factor in (0.5, 1.0):
+        simulation.reset(0)
+        simulation.scene_controls.dynamics.set_dynamics(DynamicsFactors(friction=factor))
+        for _ in range(10):
+            simulation._step_physics()
+        simulation._client.resetBaseVelocity(simulation._bodies["object"], [0.0, 1.0, 0.0])
+        for _ in range(20):
+            simulation._step_physics()
+        lost.append(1.0 - simulation._client.getBaseVelocity(simulation._bodies["object"])[0][1])
+    assert lost[0] / lost[1] == pytest.approx(0.5, rel=0.05)
 
 
 def test_the_first_row_of_a_texture_is_at_the_left_of_the_robot(opened):

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.contract import SimulatorUnavailable
+from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.lights import development
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import import_with_mujoco
 from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, unit
@@ -101,6 +103,20 @@ def test_masses_that_are_set_are_those_of_a_model_built_with_them(door):
     for name in ("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"):
         own = getattr(door._model, name)
         np.testing.assert_allclose(own[1:], getattr(built, name)[1:], rtol=1e-6, atol=1e-12, err_msg=name)
+
+
+def test_the_friction_of_a_contact_is_scaled_whichever_body_has_the_larger():
+    import mujoco
+
+    floor, box = "<geom type='plane' size='1 1 1'/>", "<geom type='box' size='.1 .1 .1' friction='.6 0 0'/>"
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{floor}<body name='box' pos='0 0 .09'><freejoint/>{box}</body></worldbody></mujoco>"
+    )
+    physics = MujocoPhysics(mujoco, model, mujoco.MjData(model), "world")
+    dynamics = MujocoDynamics(physics, ["box"])
+    for factor in (0.5, 3.0):
+        dynamics.set_dynamics(DynamicsFactors(friction=factor))
+        assert set(physics.data.contact.friction[:, 0]) == {factor}
 
 
 def test_half_the_light_is_half_of_what_is_drawn_once_decoded():

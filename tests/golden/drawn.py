@@ -66,6 +66,7 @@ def _row(cell: Cell, seed: int, generator: random.Random) -> EpisodeResult:
         "wall_s": steps / 20,
     }
     if cell.condition.is_on_scale:
-        asked = AXES[cell.condition.axis].value(cell.condition.severity)
-        changes["delivered"] = round(asked * generator.uniform(0.9, 1.1), 6)
+        axis, measured = AXES[cell.condition.axis], generator.uniform(0.9, 1.1)
+        if axis.ordered:
+            changes["delivered"] = round(axis.value(cell.condition.severity) * measured, 6)
     return row(cell, seed, "success" if won else "failure", **changes)

@@ -54,6 +54,13 @@ def test_the_id_is_frozen():
     assert (EPISODE.id, EPISODE.pair_id) == ("c1f4f900d7dc52bb", "8df80ca93d72308d")
 
 
+@pytest.mark.parametrize("axis", ["robot-start", "noise@1.5+robot-start@2", "noise"])
+def test_an_episode_of_an_axis_that_changed_has_no_pair_among_those_of_before(axis):
+    now = dataclasses.replace(EPISODE, condition=Condition(axis, 1))
+    before = dataclasses.replace(now, axis_version=1)
+    assert (now.pair_id != before.pair_id) == (axis != "noise")
+
+
 def test_datasets_know_robogauntlets_own_protocol_by_the_fields_of_before_it_had_a_name():
     own = Protocol(100).described()
     assert set(own) == {"horizon", "replan_every", "view"}

@@ -126,7 +126,7 @@ def arm_place(subject: CheckedTask, arm: Arm) -> Iterator[Violation]:
     """The tool is brought to another pose, stays there, and nothing else moves."""
     simulation = subject.simulation
     before = simulation.privileged_state()
-    turn = Rotation.from_rotvec([0.1, -0.1, 0.2] if arm.turns else [0.0, 0.0, 0.0])
+    turn = Rotation.from_rotvec([0.1, -0.1, 0.2])
     position = before["tcp_position"] + np.array([0.03, 0.05, 0.03])
     orientation = turn * Rotation.from_quat(before["tcp_quaternion"])
     arm.place_tool(position, orientation.as_quat())

@@ -18,6 +18,7 @@ from robogauntlet.adapters.scene_control import (
     unit,
 )
 from robogauntlet.orchestrator.perturbations import perturbed
+from robogauntlet.orchestrator.perturbations.table_and_distractors import discs_of
 from robogauntlet.suites.episode import Condition, Episode, Protocol, View
 
 TABLE = (slice(40, 90), slice(10, 90))
@@ -27,7 +28,8 @@ TABLE = (slice(40, 90), slice(10, 90))
 class Scene:
     """Records actions and changes. It is its own scene control for everything."""
 
-    turns = True
+    arm = (slice(0, 0), slice(0, 0))
+    """Rows and columns of the arm in every image, which hides props."""
     drift = 1
     """Difference between consecutive images, in one corner."""
     table_height = 0.0
@@ -54,7 +56,7 @@ class Scene:
         return replace(seen, images={camera: self._image(camera) for camera in seen.images})
 
     def _image(self, camera):
-        """Does not depend on the viewpoint, because cameras are measured by what is read back."""
+        """Of the viewpoint only the props depend, because cameras are measured by what is read back."""
         image = np.full((96, 96, 3), 90, np.uint8)
         image[TABLE] = (130, 120, 110)
         if self.texture is not None:
@@ -62,8 +64,11 @@ class Scene:
             rows, columns = np.indices((50, 80))
             image[TABLE] = encoded(0.8 * linear(self.texture[rows * n // 50, columns * n // 80]))
         image[20:30, 20:60] = (200, 30, self.drift * self.frames % 40 + 40)
-        for number, prop in enumerate(self.props):
-            image[80:88, 8 * number : 8 * number + 6] = 255 * np.array(prop.colour)
+        discs = discs_of(self.viewpoints[camera], self.props, 96) if self.props else ()
+        for (column, row, radius, _), prop in sorted(zip(discs, self.props, strict=True), key=lambda one: -one[0][3]):
+            rows, columns = np.indices((96, 96))
+            image[(columns - column) ** 2 + (rows - row) ** 2 <= radius**2] = 255 * np.array(prop.colour)
+        image[self.arm] = 20
         lit = np.clip(encoded(linear(image) * self.now.gain * (0.5 + 0.5 * self.now.direction[2])), 0, 255)
         lit[:8] = 255  # a sky that no lamp illuminates
         return np.rint(lit).astype(np.uint8)

@@ -12,6 +12,7 @@ from robogauntlet.orchestrator.perturbations.base import generator_for
 from robogauntlet.orchestrator.perturbations.images import (
     add_noise,
     blur,
+    blur_between,
     gaussian_kernel,
     is_frozen,
     noise_deviation,
@@ -74,6 +75,15 @@ def test_the_smallest_blur_changes_a_small_image():
     assert (blur(edge(), 0.3) != edge()).any()
 
 
+@pytest.mark.parametrize("deviation", [0.3, 1.0, 2.7])
+def test_a_blur_is_measured_by_the_high_frequencies_that_are_lost_and_none_without_a_loss(deviation):
+    image = np.random.default_rng(0).integers(0, 256, (96, 96, 3), dtype=np.uint8)
+    assert blur_between([(image, blur(image, deviation)), (edge(), blur(edge(), deviation))]) == pytest.approx(
+        deviation, abs=0.02
+    )
+    assert blur_between([(image, image)]) == pytest.approx(0.0, abs=0.01)
+
+
 def test_a_blur_is_relative_to_the_width():
     small, large = edge(), np.kron(edge(), np.ones((2, 2, 1), np.uint8))
     np.testing.assert_allclose(blur(large, 1.8)[1::2, 1::2], blur(small, 1.8), atol=30)
@@ -87,9 +97,9 @@ def test_frozen_observations_have_the_requested_share_are_evenly_spread_and_neve
     assert abs(sum(frozen) - (observations - 1) * share / 100) <= 1
 
 
-def test_delays_are_whole_steps_and_at_least_one():
+def test_delays_are_the_nearest_whole_steps_half_a_step_rounded_up_and_at_least_one():
     assert [delay_steps(ms, 20.0) for ms in (50, 100, 200, 300, 400)] == [1, 2, 4, 6, 8]
-    assert [delay_steps(ms, 25.0) for ms in (50, 100, 200, 300, 400)] == [1, 2, 5, 8, 10]
+    assert [delay_steps(ms, 25.0) for ms in (50, 100, 200, 300, 400)] == [1, 3, 5, 8, 10]
     assert delay_steps(10, 20.0) == 1
 
 

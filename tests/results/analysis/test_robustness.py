@@ -67,6 +67,15 @@ def test_errors_are_left_out_of_their_level():
     assert found.seeds == SEEDS
 
 
+def test_an_episode_in_which_the_axis_delivered_nothing_counts_in_no_rate():
+    plan = cells(("expert",), TASKS[:1], (Condition(), Condition("frozen-frames", 2)))
+    frozen = [row(plan[1], seed, "failure" if seed else "success", delivered=9.0 * (seed > 0)) for seed in range(4)]
+    found = built([*(row(plan[0], seed, "success") for seed in range(4)), *frozen], plan)
+    assert found.curves[0].episodes == (4, 3)
+    assert found.curves[0].curve.rates[1].value == 0.0
+    assert [cell.undelivered for cell in found.delivered[0].simulators] == [1]
+
+
 GATED = cells(("expert", "oracle"), TASKS[:1], (Condition(), Condition("noise", 2), Condition("noise", 4)))
 
 

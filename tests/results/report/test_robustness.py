@@ -88,7 +88,11 @@ def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
     section = paths.html.read_text().partition('id="robustness"')[2].partition("</section>")[0]
     assert not re.search(r"\bnan\b", section)
     assert "level left out" in section
-    assert "noise@4 | 20 | 3 | level left out |" in paths.markdown.read_text()
+    page = paths.markdown.read_text()
+    assert "noise@4 | 20 | 3 | level left out |" in page
+    assert (
+        "expert succeeds in 40 of 40 perturbed episodes, in 20 of the 20 that count, and in 20 of the 20 left" in page
+    )
 
 
 def test_controls_are_compared_with_the_clean_rate_and_a_missing_gate_is_stated():
