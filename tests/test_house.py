@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 21_495,
-    "adapters": 8_683,
+    "orchestrator": 21_672,
+    "adapters": 8_685,
     "policies": 6_416,
     "mergevla": 9_004,
-    "results": 14_016,
-    "suites": 2_770,
+    "results": 14_069,
+    "suites": 2_792,
     "src/robogauntlet": 972,
-    "tests": 46_555,
+    "tests": 46_645,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

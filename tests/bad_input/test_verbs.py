@@ -42,6 +42,7 @@ TYPED = {
     "run runs/monday": "this is a run folder; to continue its run: robogauntlet run suites/synthetic.yaml --out runs",
     "run --policy oracle --task null/Reach --option image_size=224": "it is a key of suites: --image-size",
     "run suite.yaml --episodes 10": "No such option: --episodes (Possible options: --seeds)",
+    "list axes noise --task null/Reach": "--task: expected with --delivered",
     "list axes lighting": "unknown axis 'lighting'; did you mean one of illuminance, light-direction, ",
     "rnu suite.yaml": "No such command 'rnu'",
     "check polcy random": "No such command 'polcy'. Did you mean 'policy'?",

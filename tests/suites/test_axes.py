@@ -6,6 +6,7 @@ import pytest
 
 from robogauntlet.suites.axes import AXES, EXCLUSIVE, SEVERITIES, axes_of, why_exclusive
 from robogauntlet.suites.episode import CONTROLS, Condition, Perturbation, content_hash
+from tests import ROOT
 
 SCALES = {name: axis for name, axis in AXES.items() if name not in CONTROLS}
 every_scale = pytest.mark.parametrize("axis", SCALES.values(), ids=SCALES)
@@ -30,6 +31,11 @@ def test_controls_have_no_scale_and_are_named_as_conditions_are():
     assert [str(Condition(name, 1)) for name in CONTROLS] == list(CONTROLS)
     with pytest.raises(ValueError, match="from 1 to 1 on axis 'blind', got 2"):
         axes_of(Condition("blind", 2))
+
+
+def test_readme_says_how_many_axes_are_comparable():
+    assert sum(not axis.incomparable for axis in SCALES.values()) == 10
+    assert "18 perturbation axes; the severities of ten are" in (ROOT / "README.md").read_text()
 
 
 def test_levels_are_described_with_their_unit_and_types_of_rewording_are_no_scale():

@@ -18,6 +18,8 @@ from robogauntlet.orchestrator.perturbations.images import (
     noise_deviation,
     psnr,
 )
+from robogauntlet.orchestrator.replay.first_observation import _measure
+from robogauntlet.suites.episode import Condition
 
 GREY = np.full((96, 96, 3), 128, np.uint8)
 WHITE = np.full((96, 96, 3), 255, np.uint8)
@@ -107,6 +109,10 @@ def test_step_noise_adds_up_to_the_same_deviation_after_a_second_at_any_rate():
     for hz in (20.0, 25.0, 100.0):
         steps = np.random.default_rng(0).standard_normal((4000, int(hz))) * step_deviation(2.0, hz)
         assert steps.sum(axis=1).std() == pytest.approx(0.02, rel=0.05)
+
+
+def test_what_a_condition_delivers_in_a_task_is_measured_without_a_policy():
+    assert [*_measure("null/Reach", [Condition("action-delay", 4), Condition("table", 4)])] == [300.0, None]
 
 
 def test_draws_depend_only_on_their_key():
