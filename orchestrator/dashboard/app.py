@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp
 
-from robogauntlet.orchestrator.dashboard import compare, failures, files, login, pages, runs
+from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs
 from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
 from robogauntlet.orchestrator.dashboard.security import Guard, line
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
@@ -23,6 +23,7 @@ from robogauntlet.results.store.run_history import History
 
 CONNECTIONS = 500
 """Most connections at a time; more are answered with 503."""
+PLAIN_TEXT_PATHS = ("/metrics", "/healthz")
 
 
 def create_app(history: History, schedule_store: ScheduleStore, settings: Settings) -> ASGIApp:
@@ -37,7 +38,7 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan, redirect_slashes=False)
     app.state.app_state = app_state
-    for module in (pages, runs, compare, failures, files, login):
+    for module in (pages, runs, compare, failures, files, login, metrics):
         app.include_router(module.router)
     for kind in (StoreError, RunError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
@@ -74,7 +75,7 @@ def _explain(request: Request, error: Exception) -> Response:
         status, message = 500, "An internal error; see the log of the server."
     if request.url.path.startswith("/api/"):
         answer: Response = JSONResponse({"error": message}, status)
-    elif request.method == "POST" or request.url.path == "/healthz":
+    elif request.method == "POST" or request.url.path in PLAIN_TEXT_PATHS:
         answer = line(message, status)
     else:
         answer = cast(AppState, request.app.state.app_state).error_page(message, status)

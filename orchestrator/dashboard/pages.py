@@ -1,4 +1,4 @@
-"""The pages overview, history, leaderboard and schedule, and the health check."""
+"""The pages overview, history, leaderboard and schedule."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
 from robogauntlet.orchestrator.dashboard.live_view import live_view, shape_of
 from robogauntlet.orchestrator.dashboard.runs import running
-from robogauntlet.orchestrator.dashboard.security import line
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow, leaderboard
 from robogauntlet.results.newest_results import latest_results_per_policy
 
@@ -93,13 +92,6 @@ def schedule(app_state: CurrentAppState) -> Response:
         schedules=app_state.schedule_store.schedules(),
         entries=queries.page_of_runs(app_state.history, queries.Filter(scheduled=True), LAST_SCHEDULED_RUNS, 0),
     )
-
-
-@router.get("/healthz")
-def health(app_state: CurrentAppState) -> Response:
-    """Answer `ok`, or 503 with the reason. Raises StoreError."""
-    queries.check_readable(app_state.history)
-    return line("ok", 200)
 
 
 def _standings(app_state: AppState, suite: str) -> tuple[list[LeaderboardRow], list[str]]:

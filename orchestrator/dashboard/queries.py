@@ -70,6 +70,17 @@ def compared_runs(history: History, limit: int) -> list[RunEntry]:
     return history.entries(query.order_by(runs.c.started_at.desc()).limit(limit))
 
 
+def last_verdicts(history: History) -> dict[str, str]:
+    """Return the verdict of each suite's newest run that has one. Raises StoreError."""
+    newest = sa.select(runs.c.suite, sa.func.max(runs.c.started_at).label("at")).where(runs.c.verdict.is_not(None))
+    last = newest.group_by(runs.c.suite).subquery()
+    query = sa.select(runs.c.suite, runs.c.verdict).join(
+        last, sa.and_(runs.c.suite == last.c.suite, runs.c.started_at == last.c.at)
+    )
+    with history.database.reading() as connection:
+        return {row[0]: row[1] for row in connection.execute(query.where(runs.c.verdict.is_not(None)))}
+
+
 def tasks(history: History, policy: str | None = None, suite: str | None = None) -> list[str]:
     """Return the tasks of the newest runs, or of those with a policy or of a suite. Raises StoreError."""
     newest = Filter(suite=suite, policy=policy).of(sa.select(runs.c.run_id))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import re
 from collections.abc import Sequence
@@ -243,6 +244,11 @@ def escape(text: str) -> str:
     for character in "|`*_":
         text = text.replace(character, "\\" + character)
     return text.replace("](", "]\\(")
+
+
+def escape_html(text: str) -> str:
+    """Escape text for HTML and SVG, unprintable characters as escapes."""
+    return html.escape(visible(text))
 
 
 def words(name: str) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ def _paths(newest: str) -> tuple[str, ...]:
         *("/", "/api/live", "/runs", f"/runs?page={last // 2}", f"/runs?page={last}", "/runs?status=stopped"),
         *("/runs?suite=nightly&status=complete&policy=merged", f"/runs?policy=merged&page={last}", f"/runs/{newest}"),
         *("/history?policy=merged", "/history?policy=merged&suite=smoke&task=robosuite/Task2"),
-        *("/leaderboard?suite=nightly", f"/compare?first={newest}", "/failures", "/schedule", "/healthz"),
+        *("/leaderboard?suite=nightly", f"/compare?first={newest}", "/failures", "/schedule", "/metrics", "/healthz"),
     )
 
 

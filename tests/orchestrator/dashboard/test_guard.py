@@ -51,7 +51,7 @@ def raw(served, path, **headers):
 
 
 def test_every_page_asks_for_the_token(locked):
-    for path in ("/", "/runs", "/api/live", "/healthz", "/runs/x/files/report.html", "/nowhere"):
+    for path in ("/", "/runs", "/api/live", "/metrics", "/healthz", "/runs/x/files/report.html", "/nowhere"):
         answer = locked.get(path)
         assert (answer.status_code, answer.headers["www-authenticate"]) == (401, "Bearer")
         assert len(answer.text.splitlines()) == 1

@@ -244,8 +244,10 @@ def test_the_schedule_shows_next_times_outcomes_and_runs(served):
 def test_schedules_whose_server_has_gone_are_said_to_be_unserved(served):
     nightly = Schedule(name="nightly", suite="mergevla", cron="0 2 * * *")
     served.schedule_store.write(nightly, next_due_at=time.time() + 7300.0, seen_at=time.time())
+    assert "robogauntlet_schedules_served 1.0" in served.get("/metrics").text
     assert "not served" not in served.get("/").text
     served.schedule_store.write(nightly, seen_at=time.time() - 3600.0)
+    assert "robogauntlet_schedules_served 0.0" in served.get("/metrics").text
     for path in ("/", "/schedule"):
         assert "not served since" in served.get(path).text
 
@@ -315,6 +317,25 @@ def test_a_report_is_shown_in_a_sandbox_in_which_only_its_own_script_runs(tmp_pa
     assert policy.startswith("sandbox allow-scripts; default-src 'none'")
     assert re.findall("script-src ([^;]*)", policy) == [re.search('script-src ([^"]*)', html.unescape(answer.text))[1]]
     assert f"/runs/{run.run_id}/files/report.html" in page
+
+
+def test_metrics_have_running_suites_verdicts_and_next_runs(served):
+    running(served.history, live_status(120), suite='we"ird\nname')
+    served.history.record(document(run_id="old", name="nightly", started_at=1.0))
+    served.history.write_verdict("old", "improved", None, [])
+    served.history.record(document(run_id="new", name="nightly", started_at=2.0))
+    served.history.write_verdict("new", "regressed", None, [])
+    night = Schedule(name="night", suite="mergevla", cron="0 2 * * *")
+    served.schedule_store.write(night, next_due_at=1234.0, seen_at=time.time())
+    text = served.get("/metrics").text
+    assert 'robogauntlet_runs{status="running"} 1.0' in text
+    assert 'robogauntlet_runs{status="complete"} 2.0' in text
+    label = r'run="running-1",simulator="pybullet",suite="we\"ird\nname"'
+    assert f"robogauntlet_running_done{{{label}}} 120.0" in text
+    assert f'robogauntlet_running_episodes{{outcome="success",{label}}} 116.0' in text
+    assert 'robogauntlet_last_verdict{suite="nightly",verdict="regressed"} 1.0' in text
+    assert 'robogauntlet_last_verdict{suite="nightly",verdict="improved"} 0.0' in text
+    assert 'robogauntlet_schedule_next_due_seconds{schedule="night"} 1234.0' in text
 
 
 def test_run_folders_are_imported_automatically(tmp_path):

@@ -29,6 +29,7 @@ def test_every_page_works_with_postgresql(tmp_path, server):  # noqa: F811
             "/failures": "<video",
             "/schedule": "0 2 * * *",
             "/api/live": '"running-1"',
+            "/metrics": 'robogauntlet_last_verdict{suite="nightly",verdict="regressed"} 1.0',
             "/healthz": "ok",
         }
         found = {path: served.get(path).text for path in expected}

@@ -14,7 +14,7 @@ PAGES = (
     *("/", "/runs", "/runs/x", "/history?policy=merged", "/leaderboard?suite=a"),
     *("/failures", "/schedule", "/compare"),
 )
-FOR_PROGRAMS = ("/api/live", "/healthz")
+FOR_PROGRAMS = ("/api/live", "/metrics", "/healthz")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_fifty_readers_see_no_error_while_a_run_reports(tmp_path):
 
         def read(number):
             for turn in range(4):
-                path = ("/", "/api/live", "/runs", "/runs/running-1", "/healthz")[(number + turn) % 5]
+                path = ("/", "/api/live", "/runs", "/runs/running-1", "/metrics")[(number + turn) % 5]
                 answers.append((path, served.get(path).status_code))
 
         writer = threading.Thread(target=write)
