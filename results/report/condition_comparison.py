@@ -194,7 +194,7 @@ def no_skill_sentence(robustness: Robustness) -> str | None:
 
 
 def worst_level(robustness: Robustness, policy: str) -> tuple[PolicyCurve, int] | None:
-    """The curve and severity with the lowest success of a policy over all simulators."""
+    """The curve and severity with the lowest success of a policy over all simulators; None of a single one."""
     found = [
         (estimate.value, -severity, curve)
         for axis in robustness.axes
@@ -203,7 +203,7 @@ def worst_level(robustness: Robustness, policy: str) -> tuple[PolicyCurve, int] 
         for severity, estimate in known_rates(curve.curve)
         if severity
     ]
-    if not found:
+    if len(found) < 2:
         return None
     _, severity, curve = min(found, key=lambda item: item[:2])
     return curve, int(-severity)

@@ -98,9 +98,11 @@ def _merging(comparison: ConditionComparison) -> list[str]:
                     f"{policy} loses {word} against {comparison.baseline} than clean along {_listed(parts)}."
                 )
         if not more and not less:
+            several = len(rows) > 1
+            what = "no axis was shown" if several else f"{rows[0].axis} was not shown"
+            together = f" ({len(rows)} axes tested together)" if several else ""
             sentences.append(
-                f"{policy}: no axis was shown to change its loss against {comparison.baseline} from the clean loss "
-                f"({formatting.counted(len(rows), 'axis', 'axes')} tested together)."
+                f"{policy}: {what} to change its loss against {comparison.baseline} from the clean loss{together}."
             )
     return sentences
 

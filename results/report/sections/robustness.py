@@ -97,7 +97,7 @@ def _heat_cell(cell: compared.Cell | None) -> HeatCell:
 
 
 def _all_axes(found: Robustness) -> Iterator[Block]:
-    if found.summary is None:
+    if found.summary is None or len(found.axes) < 2:
         return
     yield Heading("All axes together")
     yield _terms("all axes")

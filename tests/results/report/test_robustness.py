@@ -6,12 +6,13 @@ import re
 
 import pytest
 
+from robogauntlet.results.analysis.robustness import COLUMNS, build_robustness
 from robogauntlet.results.report import robustness as words
 from robogauntlet.results.report import write_report
 from robogauntlet.results.report.findings import findings
 from robogauntlet.suites.episode import Condition
 from tests.results.analysis.test_robustness import GATED, PLAN, SEEDS, TASKS, built, rows
-from tests.results.synthetic import cells, document, rows_where, run_folder
+from tests.results.synthetic import cells, columns_of, document, rows_where, run_folder
 
 
 def test_a_value_beyond_the_last_level_is_marked():
@@ -40,6 +41,13 @@ def test_the_sentence_about_start_states_is_never_stronger_than_what_was_compare
     assert sentence.startswith("All 240 episodes on axes that keep the start state started from")
     without_clean = words.start_states_sentence(built([r for r in rows() if r.axis != "clean"]))
     assert without_clean.startswith("Start states were not compared")
+
+
+def test_of_a_single_level_none_is_called_the_lowest():
+    conditions = (Condition(), Condition("noise", 4))
+    plan = cells(("a", "b"), TASKS, conditions)
+    single = build_robustness(document(SEEDS, of=plan), columns_of(rows_where(lambda *_: True, plan, SEEDS), COLUMNS))
+    assert not [sentence for sentence in findings(single) if "lowest" in sentence]
 
 
 @pytest.fixture(scope="module")
