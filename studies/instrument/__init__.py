@@ -1,0 +1,1 @@
+"""Planted defects: whether comparisons, the gate, the searches and the check of policies find them."""
