@@ -44,8 +44,9 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
 
 
 def _drops(robustness: Robustness, policy: str) -> list[str]:
-    """Axes along which success drops, adjusted over all axes of the policy (Holm)."""
-    curves = [c for axis in robustness.axes for c in overall_curves(robustness, axis) if c.policy == policy]
+    """Axes along which success drops, adjusted over all axes of the policy (Holm); those without a scale have none."""
+    scales = [axis for axis in robustness.axes if axis not in AXES or AXES[axis].ordered]
+    curves = [c for axis in scales for c in overall_curves(robustness, axis) if c.policy == policy]
     tested = [(curve, curve.curve.trend) for curve in curves if curve.curve.trend is not None]
     adjusted = holm([p for _, p in tested if p is not None]) if tested else ()
     dropped = [curve for (curve, _), p in zip(tested, adjusted, strict=True) if p <= ALPHA]

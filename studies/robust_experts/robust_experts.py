@@ -64,7 +64,7 @@ def played() -> pd.DataFrame:
 def episodes_of(run: str) -> pd.DataFrame:
     """The episodes of a run that count, with the columns `EPISODE`, without the oracle's."""
     folder = Path(os.environ.get("ROBUST", "runs/robust-experts")) / "runs" / run
-    frame, document = open_run(folder).episodes((*EPISODE, "policy_digest")), read_run(folder)
+    frame, document = open_run(folder).episodes((*EPISODE, "policy_digest", "delivered")), read_run(folder)
     cells = [cell for cell in document.plan if cell.policy != ORACLE]
     kept = select_eligible(document, frame).verdicts(cells)[list(EPISODE)]
     return kept.astype(dict.fromkeys(("policy", "task", "axis", "status"), str))

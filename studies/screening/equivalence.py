@@ -1,6 +1,7 @@
 """Where merging costs less than the margin of the screening: by simulator, and by how well both policies do.
 
-Counted in the kept report's episodes; a task's level counts if the oracle solves 95 % of its seeds, as in the report.
+Counted in the kept report's episodes; a task's level counts if the oracle solves 95 % of its seeds, as in the report,
+and an episode if its axis delivered something.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from robogauntlet.results.analysis.eligible_episodes import is_undelivered
 from robogauntlet.results.statistics.aggregate import mean_of_levels
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar
 from robogauntlet.suites.axes import AXES
@@ -35,6 +37,7 @@ def counted(_: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """A row for all perturbed levels, for those of each simulator, and for those where both policies do alike."""
     frame = pd.read_parquet(STUDIES / "screening/report/episodes.parquet")
     frame = frame[frame["axis"].isin(AXES.keys() - CONTROLS) & frame["status"].isin(["success", "failure"])]
+    frame = frame[~is_undelivered(frame)]
     frame = frame.assign(
         won=1.0 * (frame["status"] == "success"), level=[*zip(frame["axis"], frame["severity"], strict=True)]
     )

@@ -86,6 +86,12 @@ def test_a_no_skill_baseline_has_no_findings_since_it_has_no_skill_to_lose():
     assert not any(sentence.startswith("merged: ") for sentence in findings(built(no_skill_baselines=("merged",))))
 
 
+def test_an_axis_without_a_scale_is_in_no_sentence_on_drops():
+    plan = cells(("expert",), TASKS, (Condition(), Condition("instruction", 2), Condition("instruction", 4)))
+    found = findings(built(rows_where(lambda cell, seed: True, plan, 5), plan))
+    assert not any("drop" in sentence for sentence in found)
+
+
 def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
     def is_success(cell, seed):
         return cell.policy != "oracle" or cell.condition.severity < 4 or seed >= 3
