@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 import re
 from collections.abc import Sequence
@@ -244,11 +243,6 @@ def escape(text: str) -> str:
     for character in "|`*_":
         text = text.replace(character, "\\" + character)
     return text.replace("](", "]\\(")
-
-
-def escape_html(text: str) -> str:
-    """Escape text for HTML and SVG, unprintable characters as escapes."""
-    return html.escape(visible(text))
 
 
 def words(name: str) -> tuple[str, ...]:
