@@ -53,10 +53,10 @@ BUDGETS = {
     "adapters": 8_685,
     "policies": 6_416,
     "mergevla": 9_004,
-    "results": 14_072,
+    "results": 14_071,
     "suites": 2_792,
     "src/robogauntlet": 972,
-    "tests": 46_681,
+    "tests": 46_674,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

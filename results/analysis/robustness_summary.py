@@ -73,7 +73,10 @@ def build_robustness_summary(document: RunDocument, eligible: EligibleEpisodes) 
         outcomes = _PolicyOutcomes.select(policy, cells, eligible)
         if outcomes.levels and outcomes.tasks:
             rows += _rows(policy, outcomes)
-            losses = {simulator: _losses(outcomes, simulator) for simulator in outcomes.simulators}
+            losses = {
+                simulator: {axis: float(np.mean(lost)) for axis, lost in outcomes.by_axis(simulator, lost=True).items()}
+                for simulator in outcomes.simulators
+            }
             pairs = (_agreement(policy, *sides) for sides in combinations(losses.items(), 2))
             agreement += [row for row in pairs if row is not None]
     return RobustnessSummary(tuple(rows), tuple(agreement)) if rows else None
@@ -132,8 +135,3 @@ def _agreement(policy: str, *sides: tuple[str, Mapping[str, float]]) -> Agreemen
     losses = [ones[axis] for axis in axes], [others[axis] for axis in axes]
     tau, p = kendall(*losses) or (None, None)
     return AgreementRow(policy, one, other, len(axes), tau, p, rank_violation(*losses))
-
-
-def _losses(outcomes: _PolicyOutcomes, simulator: str) -> dict[str, float]:
-    """Mean loss along each axis in one simulator; axes that no task supports are left out."""
-    return {axis: float(np.mean(levels)) for axis, levels in outcomes.by_axis(simulator, lost=True).items()}

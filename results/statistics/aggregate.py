@@ -17,7 +17,10 @@ Outcomes = NDArray[np.floating]
 def mean_outcomes(strata: Sequence[Outcomes]) -> NDArray[np.float64]:
     """Mean outcome of each arm in each stratum, shape (strata, arms); NaN where there is no verdict."""
     with np.errstate(invalid="ignore"):
-        sums = [np.nansum(outcomes, axis=0) / (~np.isnan(outcomes)).sum(axis=0) for outcomes in strata]
+        sums = [
+            np.where(np.isnan(outcomes), 0.0, outcomes).sum(axis=0) / (~np.isnan(outcomes)).sum(axis=0)
+            for outcomes in strata
+        ]
     return np.array(sums, dtype=float)
 
 
@@ -43,17 +46,15 @@ def mean_of_levels(strata: Sequence[Outcomes], confidence: float = CONFIDENCE) -
         return None
     means = mean_outcomes(kept)
     weights = (~np.isnan(means)).sum(axis=0)
-    arms = weights > 0
-    shares = 1 / (arms.sum() * weights[arms])
-    value = float((np.nansum(means[:, arms], axis=0) * shares).sum())
+    shares = np.where(weights > 0, 1 / (np.count_nonzero(weights) * np.maximum(weights, 1)), 0.0)
+    value = float(np.nan_to_num(means).sum(axis=0) @ shares)
     if any(len(outcomes) < 2 for outcomes in kept):
         return Estimate(value, None)
-    variances, freedoms = [], []
-    for outcomes, own in zip(kept, means, strict=True):
-        counts = np.maximum((~np.isnan(outcomes)).sum(axis=0), 1)
-        deviations = np.nansum(((outcomes - own) * (1 / counts))[:, arms] * shares, axis=1)
-        freedoms.append(len(outcomes) - 1)
-        variances.append(len(outcomes) / freedoms[-1] * float((deviations**2).sum()))
+    variances, freedoms = [], [len(outcomes) - 1 for outcomes in kept]
+    for outcomes, own, count in zip(kept, means, freedoms, strict=True):
+        present = ~np.isnan(outcomes)
+        deviations = np.where(present, outcomes - own, 0.0) @ (shares / np.maximum(present.sum(axis=0), 1))
+        variances.append(len(outcomes) / count * float(deviations @ deviations))
     whole = sum(variances)
     if whole <= 0:
         return Estimate(value, None)

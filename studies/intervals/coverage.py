@@ -24,8 +24,8 @@ from studies.shared import table_of
 
 DESIGNS = {"6 x 4": (6, 4), "9 x 10": (9, 10), "9 x 20": (9, 20), "9 x 100": (9, 100)}
 """Tasks and seeds."""
-COUNTED, LINEAR, FAMILIES = 2000, 400, 200
-"""Experiments per case: of intervals from counts, of those from the spread of seeds, of families of 18 axes."""
+COUNTED, LINEAR, FAMILIES, CURVES = 2000, 400, 200, 100
+"""Experiments per case: of intervals from counts, from the spread of seeds, of 18 axes together, of whole curves."""
 AXES, POLICIES = 18, 6
 MARGIN = 0.05
 SEED = 20261130
@@ -210,7 +210,7 @@ def perturbed(tasks: int) -> Iterator[tuple[str, Array]]:
 def _area(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
     for case, chances in perturbed(tasks):
         truth, found = float((chances @ [0.25, 0.5, 0.25]).sum() / chances[:, 0].sum()), []
-        for _ in range(LINEAR):
+        for _ in range(CURVES):
             area = severity_curve(list(played(generator, chances, seeds)), [0, 2, 4]).area
             found.append(has(area and area.interval, truth))
         yield case, found
@@ -256,12 +256,16 @@ def _of_axes(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
     """Shown for any of 18 axes, all played on the same clean episodes."""
     for case, chances in two_policies(tasks):
         one, other = np.hsplit(chances, 2)
-        whole = np.hstack([side for side in (one, other) for side in (side[:, :1], *[side[:, 1:]] * AXES)])
+        whole = np.hstack([np.hstack([side[:, :1], *[side[:, 1:]] * AXES]) for side in (one, other)])
         found = []
         for _ in range(FAMILIES):
             outcomes = played(generator, whole, seeds)
+            loss = np.subtract(*np.split(outcomes, 2, axis=2))
+            beyond = loss[..., 1::2] + loss[..., 2::2] - 2 * loss[..., :1]
+            # Student's interval of 18 axes is wider than two standard errors: the others are not shown.
+            errors = np.sqrt(beyond.var(axis=1, ddof=1).sum(axis=0) / seeds)
             shown = False
-            for axis in range(AXES):
+            for axis in np.flatnonzero(np.abs(beyond.mean(axis=1).sum(axis=0)) > 2 * errors):
                 levels = [0, 1 + 2 * axis, 2 + 2 * axis]
                 own = outcomes[..., [*levels, *(level + 1 + 2 * AXES for level in levels)]]
                 row = interaction("", "", list(own), AXES)

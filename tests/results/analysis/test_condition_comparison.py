@@ -141,10 +141,6 @@ def test_a_loss_beyond_clean_that_is_none_is_shown_in_one_family_of_axes_of_twen
     assert false / families <= 0.06
 
 
-def test_equal_rows_give_equal_intervals():
-    assert built() == built()
-
-
 def test_errors_leave_their_pairs_out():
     clean = [cell for cell in PLAN if cell.policy == "expert" and cell.condition == Condition()]
     errors = {error.episode_id: error for error in (row(cell, 0, "error") for cell in clean)}
