@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 21_769,
+    "orchestrator": 21_783,
     "adapters": 8_685,
     "policies": 6_416,
     "mergevla": 9_004,
     "results": 14_071,
     "suites": 2_792,
     "src/robogauntlet": 972,
-    "tests": 46_675,
+    "tests": 46_693,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -54,15 +54,17 @@ def conformance_tests(
     planned = checks_for(names, CHECKS.values(), every=all_tasks)
     pairs = [pytest.param(task, check.name, id=f"{task}-{check.name}") for task in planned for check in planned[task]]
 
-    @pytest.mark.parametrize(("robogauntlet_checker", "robogauntlet_check"), pairs, indirect=["robogauntlet_checker"])
-    def conforms(robogauntlet_checker: TaskChecker, robogauntlet_check: str) -> None:
-        findings = robogauntlet_checker.run(CHECKS[robogauntlet_check])
+    @pytest.mark.parametrize(("robogauntlet_task", "robogauntlet_check"), pairs)
+    def conforms(
+        robogauntlet_checker: Callable[[str], TaskChecker], robogauntlet_task: str, robogauntlet_check: str
+    ) -> None:
+        findings = robogauntlet_checker(robogauntlet_task).run(CHECKS[robogauntlet_check])
         failed = [str(finding) for finding in findings if finding.level is Level.FAILED]
         if failed:
             pytest.fail("\n".join(failed), pytrace=False)
         if findings[0].level is Level.SKIPPED:
             reason = findings[0].text
-            task = robogauntlet_checker.task.partition("/")[2]
+            task = robogauntlet_task.partition("/")[2]
             if may_skip is not None and f"{task}:{robogauntlet_check}" not in may_skip:
                 pytest.fail(f"{robogauntlet_check}: expected it to run; seen: skipped: {reason}", pytrace=False)
             pytest.skip(reason)

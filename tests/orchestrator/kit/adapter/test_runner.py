@@ -1,6 +1,8 @@
 """Checks run in child processes, so that crashes, hangs and leaks become results."""
 
 import os
+import subprocess
+import sys
 
 import psutil
 import pytest
@@ -118,3 +120,19 @@ def test_a_check_leaves_no_descriptor_behind():
     before = psutil.Process(os.getpid()).num_fds()
     run_checks({"correct/Reach": [CHECKS["description"]]})
     assert psutil.Process(os.getpid()).num_fds() == before
+
+
+def test_the_checks_of_a_task_share_a_process_under_pytest(tmp_path):
+    (tmp_path / "test_null.py").write_text(
+        "from robogauntlet.orchestrator.kit import conformance_tests\n"
+        "test_null = conformance_tests('null', tasks=['Reach', 'Slow'])\n"
+        "def test_z(robogauntlet_checker):\n"
+        "    checkers = [robogauntlet_checker(task) for task in ('null/Slow', 'null/Slow')]\n"
+        "    assert checkers[0] is checkers[1]\n"
+    )
+    chosen = ["-k", "declaration or specs or goal or test_z", "-p", "no:cacheprovider", "--setup-show"]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "test_null.py", *chosen], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count("SETUP    S robogauntlet_checker") == 1
