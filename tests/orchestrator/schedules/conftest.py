@@ -16,5 +16,5 @@ def trusted(authority, tmp_path, monkeypatch):
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch):
+def without_waits(monkeypatch):
     monkeypatch.setattr("robogauntlet.orchestrator.schedules.notifications.WAITS_S", (0.001, 0.001, 0.001))
