@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 14_071,
     "suites": 2_792,
     "src/robogauntlet": 972,
-    "tests": 46_699,
+    "tests": 46_707,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -47,6 +47,8 @@ def _drops(robustness: Robustness, policy: str) -> list[str]:
     """Axes along which success drops, adjusted over all axes of the policy (Holm); those without a scale have none."""
     scales = [axis for axis in robustness.axes if axis not in AXES or AXES[axis].ordered]
     curves = [c for axis in scales for c in overall_curves(robustness, axis) if c.policy == policy]
+    if curves and not any(clean.value for curve in curves for _, clean in known_rates(curve.curve)[:1]):
+        return [f"{policy}: clean success is 0 %, so that no axis can lower it."]
     tested = [(curve, curve.curve.trend) for curve in curves if curve.curve.trend is not None]
     adjusted = holm([p for _, p in tested if p is not None]) if tested else ()
     dropped = [curve for (curve, _), p in zip(tested, adjusted, strict=True) if p <= ALPHA]
@@ -65,7 +67,8 @@ def _drops(robustness: Robustness, policy: str) -> list[str]:
     if lowest is not None:
         curve, severity = lowest
         found = curve.curve.rates[curve.curve.levels.index(severity)]
-        sentences.append(f"{policy}: lowest at {condition_text(curve.axis, severity)}, {rate(found)}.")
+        if found.value < curve.curve.rates[0].value:
+            sentences.append(f"{policy}: lowest at {condition_text(curve.axis, severity)}, {rate(found)}.")
     return sentences
 
 

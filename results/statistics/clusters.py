@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.results.statistics.rates import Estimate, clustered_rate
 
-THRESHOLDS = (1, 2, 3, 4, 5)
 HIGHEST = 5.0
 LEAST_EPISODES = 10
 LEAST_SHARE = 0.02

@@ -104,8 +104,6 @@ def can_reject(pairs: Pairs, alpha: float) -> bool:
 
 
 POWER = 0.8
-LEAST_RATIO = 1e-9
-"""Below every end of an interval of a ratio other than 0."""
 
 
 def detectable_drop(pairs: Pairs, alpha: float) -> float | None:

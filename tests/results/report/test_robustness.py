@@ -50,6 +50,14 @@ def test_of_a_single_level_none_is_called_the_lowest():
     assert not [sentence for sentence in findings(single) if "lowest" in sentence]
 
 
+@pytest.mark.parametrize(("won", "sentence"), [(False, "so that no axis can lower it"), (True, "no significant drop")])
+def test_where_all_is_alike_no_level_is_the_lowest(won, sentence):
+    plan = cells(("a",), TASKS, (Condition(), Condition("noise", 2), Condition("noise", 4)))
+    alike = build_robustness(document(SEEDS, of=plan), columns_of(rows_where(lambda *_: won, plan, SEEDS), COLUMNS))
+    (found,) = findings(alike)
+    assert sentence in found
+
+
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     return write_report(run_folder(tmp_path_factory.mktemp("run") / "run", document(SEEDS, of=PLAN), rows()))
