@@ -85,7 +85,7 @@ class Distractors(PerturbedTable):
         self._control.show(self._props if perturbed else ())
 
     def _first_observation(self, clean: Images) -> Observation:
-        """Observe; hidden props, such as those behind the arm, are drawn anew before."""
+        """Observe; hidden props, such as those behind the arm, are drawn again before."""
         for _ in range(self.max_draws):
             self._show(perturbed=True)
             observation = self.simulation.observe()
