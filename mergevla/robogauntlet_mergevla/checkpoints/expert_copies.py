@@ -39,7 +39,7 @@ def restored(copy: Copy, base: Weights) -> tuple[dict[str, Factors], dict[str, T
     return factors, weights
 
 
-def unpacked_copy(tensors: Weights, base: Weights, bits: int) -> dict[str, Quantised]:
+def unpacked_copy(tensors: Weights, base: Weights, bits: int, *, signed: bool = True) -> dict[str, Quantised]:
     """Return the copy that `quantisation.pack` packed. Raises ExpertsDiffer if it does not fit the base."""
     names = sorted(name.removeprefix(CODES) for name in tensors if name.startswith(CODES))
     copy: dict[str, Quantised] = {}
@@ -49,7 +49,7 @@ def unpacked_copy(tensors: Weights, base: Weights, bits: int) -> dict[str, Quant
             raise ExpertsDiffer(f"expected weights of the base, or both factors of one, got {name}")
         rows = as_rows(torch.empty_like(base[weight], device="meta"))
         columns = len(copy[weight + A].scales) if name.endswith(B) else rows.shape[1]
-        copy[name] = unpack(tensors, name, columns, bits)
+        copy[name] = unpack(tensors, name, columns, bits, signed=signed)
         if not name.endswith(A) and len(copy[name].scales) != len(rows):
             raise ExpertsDiffer(f"expected {len(rows)} rows of {name}, got {len(copy[name].scales)}")
         if name.endswith(A) and weight + B not in names:

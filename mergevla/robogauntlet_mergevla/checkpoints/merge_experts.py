@@ -13,7 +13,7 @@ from torch import Tensor
 
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_tensors, load_verified
-from robogauntlet_mergevla.checkpoints.expert_copies import quantised_copy, restored
+from robogauntlet_mergevla.checkpoints.expert_copies import Copy, quantised_copy, restored
 from robogauntlet_mergevla.checkpoints.merged_model import MergedWeights, leading
 from robogauntlet_mergevla.checkpoints.metadata import (
     CheckpointError,
@@ -145,7 +145,8 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
     for name, adapters in parts.adapters.items():
         kept[name] |= {f"{weight}.{side}": getattr(f, side) for weight, f in adapters.items() for side in ("a", "b")}
     for name, copy in parts.copies.items():
-        kept[name] = pack(copy, recipe.options["bits"])
+        assert recipe.stored_bits is not None
+        kept[name] = pack(copy, recipe.stored_bits)
     first = next(iter(experts.by_name.values())).metadata
     assert first.lora is not None
     diagnostics = report(
@@ -176,19 +177,22 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         name: {weight: factors for weight, factors in expert.factors.items() if not _is_merged(weight, recipe)}
         for name, expert in experts.by_name.items()
     }
-    copies = {}
-    if recipe.operator == UNMERGED:
-        copies = {
-            name: quantised_copy(expert.factors, expert.weights, experts.base_weights, recipe.options["bits"])
-            for name, expert in experts.by_name.items()
-        }
-        for name, copy in copies.items():
-            adapters[name], heads[name] = restored(copy, experts.base_weights)
+    mean = mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {}
+    copies: dict[str, Copy] = {}
+    trunk_copy: Copy = {}
+    if (bits := recipe.stored_bits) is not None:
+        if recipe.operator == UNMERGED:
+            heads = {name: expert.weights for name, expert in experts.by_name.items()}
+        for name in experts.by_name:
+            copies[name] = quantised_copy(adapters[name], heads[name], experts.base_weights, bits)
+            adapters[name], heads[name] = restored(copies[name], experts.base_weights)
+        trunk_copy = quantised_copy({}, mean, experts.base_weights, bits)
+        _, mean = restored(trunk_copy, experts.base_weights)
     if any(task_vectors.values()):
         merged = merge(task_vectors, recipe, {name: weight.dtype for name, weight in experts.base_weights.items()})
     else:
         merged = MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
-    if recipe.masks is MaskRule.SIGNS:  # bf16, as all that is stored under signs
+    if recipe.masks is MaskRule.SIGNS and not copies:  # bf16, as all that is stored under signs
         heads = {name: {key: weight.bfloat16() for key, weight in head.items()} for name, head in heads.items()}
     return MergedWeights(
         architecture=first.architecture,
@@ -200,14 +204,13 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         recipe=recipe,
         base=experts.base_weights,
         merged=merged,
-        trunk={name: weight.to(experts.base_weights[name].dtype) for name, weight in mean_trunk(trunks).items()}
-        if recipe.trunk is TrunkRule.MEAN
-        else {},
+        trunk={name: weight.to(experts.base_weights[name].dtype) for name, weight in mean.items()},
         adapters=adapters if any(adapters.values()) else {},
         heads=heads,
         subspaces={name: _subspaces(expert, recipe) for name, expert in experts.by_name.items()},
         expert_digests={name: expert.metadata.digest for name, expert in experts.by_name.items()},
         copies=copies,
+        trunk_copy=trunk_copy,
         action_steps={
             name: steps for name, expert in experts.by_name.items() if (steps := expert.metadata.action_steps)
         },

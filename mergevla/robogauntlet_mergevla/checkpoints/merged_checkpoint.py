@@ -19,7 +19,7 @@ from robogauntlet_mergevla.checkpoints.expert_checkpoint import (
     read_tensors,
     write_folder,
 )
-from robogauntlet_mergevla.checkpoints.expert_copies import restored, unpacked_copy
+from robogauntlet_mergevla.checkpoints.expert_copies import Copy, restored, unpacked_copy
 from robogauntlet_mergevla.checkpoints.merge_experts import Merging, merge_parts, read_experts
 from robogauntlet_mergevla.checkpoints.merged_metadata import MergedMetadata
 from robogauntlet_mergevla.checkpoints.merged_model import MergedWeights
@@ -33,7 +33,7 @@ from robogauntlet_mergevla.merging.errors import ExpertsDiffer
 from robogauntlet_mergevla.merging.masks import Mask, MaskMismatch, check_mask, pack_mask, unpack_mask
 from robogauntlet_mergevla.merging.merge import MergedTaskVectors
 from robogauntlet_mergevla.merging.quantisation import pack
-from robogauntlet_mergevla.merging.recipe import UNMERGED, BackboneRule, MaskRule, Recipe
+from robogauntlet_mergevla.merging.recipe import BackboneRule, MaskRule, Recipe
 from robogauntlet_mergevla.merging.signs import check_row_scales
 from robogauntlet_mergevla.merging.task_vectors import Weights, difference
 from robogauntlet_mergevla.network.lora import Factors
@@ -168,10 +168,12 @@ def _placed(folder: Path) -> Iterator[None]:
 
 def tensors_of_parts(parts: MergedWeights) -> dict[str, Tensor]:
     """Return what a checkpoint stores of a merged model beside the base, by the tensors' names; nothing of routers."""
-    tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk)
+    bits = parts.recipe.stored_bits
+    trunk = parts.trunk if bits is None else pack(parts.trunk_copy, bits)
+    tensors = _merged_tensors(parts.merged) | _under(TRUNK, trunk)
     for number, expert in enumerate(parts.statistics.tasks):
-        if parts.copies:
-            tensors |= _under(f"{COPY}/{number}", pack(parts.copies[expert], parts.recipe.options["bits"]))
+        if bits is not None:
+            tensors |= _under(f"{COPY}/{number}", pack(parts.copies[expert], bits))
         else:
             tensors |= _own_tensors(parts, expert, str(number))
     return tensors
@@ -187,7 +189,9 @@ def _own_tensors(parts: MergedWeights, expert: str, number: str) -> dict[str, Te
 
 def _merged_tensors(merged: MergedTaskVectors) -> dict[str, Tensor]:
     vector = merged.vector
-    if merged.recipe.masks is MaskRule.SIGNS:
+    if merged.recipe.bits is not None:
+        vector = pack(merged.codes, merged.recipe.bits)
+    elif merged.recipe.masks is MaskRule.SIGNS:
         vector = {name: delta.bfloat16() for name, delta in vector.items()}
     tensors = _under(TAU, vector)
     for number, expert in enumerate(merged.experts):
@@ -197,8 +201,12 @@ def _merged_tensors(merged: MergedTaskVectors) -> dict[str, Tensor]:
     return tensors | (_under(RESIDUAL, _merged_tensors(merged.residual)) if merged.residual else {})
 
 
-def _merged(metadata: MergedMetadata, recipe: Recipe, tensors: Weights) -> MergedTaskVectors:
-    vector = _section(tensors, TAU)
+def _merged(metadata: MergedMetadata, recipe: Recipe, tensors: Weights, base: Weights) -> MergedTaskVectors:
+    vector: Weights = _section(tensors, TAU)
+    codes: Copy = {}
+    if recipe.bits is not None:
+        codes = unpacked_copy(vector, base, recipe.bits, signed=recipe.masks is not MaskRule.SIGNS)
+        vector = {name: matrix.dequantised().reshape(base[name].shape) for name, matrix in codes.items()}
     if not vector:
         return MergedTaskVectors(metadata.experts, replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.EMR and set(metadata.rescalers) != set(metadata.experts):
@@ -214,8 +222,8 @@ def _merged(metadata: MergedMetadata, recipe: Recipe, tensors: Weights) -> Merge
             check_row_scales(row_scales[expert], vector)
     residual = None
     if recipe.rounds > 1:
-        residual = _merged(metadata, replace(recipe, rounds=recipe.rounds - 1), _section(tensors, RESIDUAL))
-    return MergedTaskVectors(metadata.experts, recipe, vector, masks, metadata.rescalers, row_scales, residual)
+        residual = _merged(metadata, replace(recipe, rounds=recipe.rounds - 1), _section(tensors, RESIDUAL), base)
+    return MergedTaskVectors(metadata.experts, recipe, vector, masks, metadata.rescalers, row_scales, residual, codes)
 
 
 def _parts(
@@ -223,13 +231,18 @@ def _parts(
 ) -> MergedWeights:
     numbered = {expert: str(number) for number, expert in enumerate(metadata.experts)}
     recipe = metadata.recipe
-    merged = _merged(metadata, recipe, tensors)
+    bits = recipe.stored_bits
+    merged = _merged(metadata, recipe, tensors, base)
     if merged.residual and (problem := difference(merged.vector, merged.residual.vector)):
         raise ExpertsDiffer(f"the second round is for another model: {problem}")
+    trunk: Weights = _section(tensors, TRUNK)
+    trunk_copy = {} if bits is None else unpacked_copy(trunk, base, bits)
+    if trunk_copy:
+        trunk = {name: weight.to(base[name].dtype) for name, weight in restored(trunk_copy, base)[1].items()}
     copies, adapters, heads = {}, {}, {}
     for expert, number in numbered.items():
-        if recipe.operator == UNMERGED:
-            copies[expert] = unpacked_copy(_section(tensors, f"{COPY}/{number}"), base, recipe.options["bits"])
+        if bits is not None:
+            copies[expert] = unpacked_copy(_section(tensors, f"{COPY}/{number}"), base, bits)
             adapters[expert], heads[expert] = restored(copies[expert], base)
             continue
         heads[expert] = _section(tensors, f"{HEAD}/{number}")
@@ -243,12 +256,13 @@ def _parts(
         recipe=recipe,
         base=base,
         merged=merged,
-        trunk=_section(tensors, TRUNK),
-        adapters=adapters,
+        trunk=trunk,
+        adapters=adapters if any(adapters.values()) else {},
         heads=heads,
         subspaces=subspaces,
         expert_digests=metadata.expert_digests,
         copies=copies,
+        trunk_copy=trunk_copy,
         action_steps=metadata.action_steps,
     )
 

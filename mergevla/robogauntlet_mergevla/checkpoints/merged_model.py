@@ -55,7 +55,9 @@ class MergedWeights:
     expert_digests: Mapping[str, str] = field(default_factory=dict)
     """Expert to the digest of the checkpoint that was merged."""
     copies: Mapping[str, Copy] = field(default_factory=dict)
-    """Expert to the quantised form of `adapters` and `heads` if nothing is merged (`recipe.UNMERGED`), else empty."""
+    """Expert to the quantised form of `adapters` and `heads` under `Recipe.stored_bits`, else empty."""
+    trunk_copy: Copy = field(default_factory=dict)
+    """The quantised form of `trunk` under `Recipe.stored_bits`, else empty."""
     action_steps: Mapping[str, int] = field(default_factory=dict)
     """Expert to its `CheckpointMetadata.action_steps`; those that execute whole chunks are left out."""
 

@@ -24,7 +24,7 @@ from robogauntlet_mergevla.checkpoints.metadata import (
 )
 from robogauntlet_mergevla.cli.training_progress import needs_training_packages
 from robogauntlet_mergevla.merging.errors import ExpertsDiffer, MergeError, OutOfRange
-from robogauntlet_mergevla.merging.recipe import LAMBDA, MASKS_OF, BackboneRule, MaskRule, Recipe
+from robogauntlet_mergevla.merging.recipe import LAMBDA, MASKS_OF, UNMERGED, BackboneRule, MaskRule, Recipe
 from robogauntlet_mergevla.options import expert_folders
 from robogauntlet_mergevla.zoo import shipped
 
@@ -72,7 +72,12 @@ def merge(
         ),
     ] = None,
     bits: Annotated[
-        int | None, typer.Option(help="Bits per weight with --operator none, from 2 to 8.", show_default=False)
+        int | None,
+        typer.Option(
+            help="Bits per weight, from 2 to 8, of all that is stored beside the base, masks left out; needed with "
+            "--operator none.",
+            show_default=False,
+        ),
     ] = None,
     alpha: Annotated[float, typer.Option(help="Scale of the merged task vector.")] = 1.0,
     trunk: Annotated[
@@ -130,7 +135,9 @@ def merge(
                 "merge_output": merge_output,
                 "backbone": BackboneRule.SELECT if select else BackboneRule.MERGED,
                 "only": tuple(only or ()),
-                "options": _options(options or ()) | ({} if bits is None else {"bits": bits}),
+                "options": _options(options or ())
+                | ({"bits": bits} if bits is not None and operator == UNMERGED else {}),
+                "bits": None if operator == UNMERGED else bits,
             }
         )
         datasets = datasets_of(demonstrations or (), tuple(chain.from_iterable(read.tasks.values())))

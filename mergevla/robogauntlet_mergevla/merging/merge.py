@@ -24,6 +24,7 @@ from robogauntlet_mergevla.merging.elementwise import (
 )
 from robogauntlet_mergevla.merging.errors import ExpertsDiffer, MergeError, check_range
 from robogauntlet_mergevla.merging.masks import Mask, lambdas_of, masked, task_masks
+from robogauntlet_mergevla.merging.quantisation import Quantised, quantise
 from robogauntlet_mergevla.merging.recipe import UNMERGED, MaskRule, Recipe
 from robogauntlet_mergevla.merging.signs import apply_signs, fit_signs, flat, magnitude
 from robogauntlet_mergevla.merging.task_vectors import OnDemand, TaskVector, TaskVectors, check_task_vectors
@@ -106,7 +107,7 @@ class MergedTaskVectors:
     recipe: Recipe
     """The recipe of the merge; with `MaskRule.NONE` if there was nothing to merge."""
     vector: TaskVector
-    """tau_merge, alpha included; in the base's types, under `MaskRule.SIGNS` rounded to bf16."""
+    """tau_merge, alpha included; in the base's types, under `MaskRule.SIGNS` rounded to bf16, or as `codes` say."""
     masks: Mapping[str, Mask] = field(default_factory=dict)
     """Expert name to its mask, under `MaskRule.SIGNS` True where it is positive; empty under `MaskRule.NONE`."""
     rescalers: Mapping[str, float] = field(default_factory=dict)
@@ -115,6 +116,8 @@ class MergedTaskVectors:
     """Expert name to weight name to a scale for each row; empty unless under `MaskRule.SIGNS`."""
     residual: MergedTaskVectors | None = None
     """The experts' residuals, merged in the same way; None after the last round."""
+    codes: Mapping[str, Quantised] = field(default_factory=dict)
+    """The quantised form of `vector` under `Recipe.bits`, else empty."""
 
     def of(self, expert: str) -> TaskVector:
         """Return the expert's delta to the base: rescaler * S_m * tau_merge, or r_m * s_m * |tau_merge| of all rounds.
@@ -148,7 +151,13 @@ def merge(
     rule = recipe.masks
     lambdas = lambdas_of(task_vectors, recipe.lambda_) if rule is MaskRule.TASK else {}
     vector = merge_task_vectors(recipe.operator, task_vectors, alpha=recipe.alpha, options=recipe.options)
-    if types is not None and rule is not MaskRule.SIGNS:
+    codes: dict[str, Quantised] = {}
+    if recipe.bits is not None:
+        for name, delta in vector.items():
+            is_signed = rule is not MaskRule.SIGNS
+            codes[name] = quantise(delta if is_signed else delta.abs(), recipe.bits, signed=is_signed)
+            vector[name] = codes[name].dequantised().reshape(delta.shape)
+    elif types is not None and rule is not MaskRule.SIGNS:
         for name in vector:  # one by one, since both together may not fit into memory
             vector[name] = vector[name].to(types[name])
     masks: Mapping[str, Mask] = {}
@@ -159,10 +168,10 @@ def merge(
     elif rule is MaskRule.EMR:
         masks, rescalers = emr_modulators(task_vectors, vector)
     elif rule is MaskRule.SIGNS:
-        # bf16 halves the storage: one bit per entry has a far larger error than this rounding.
-        vector = {name: delta.bfloat16().float() for name, delta in vector.items()}
+        if not codes:  # bf16 halves the storage: one bit per entry has a far larger error than this rounding
+            vector = {name: delta.bfloat16().float() for name, delta in vector.items()}
         masks, row_scales = fit_signs(task_vectors, vector)
-    merged = MergedTaskVectors(tuple(task_vectors), recipe, vector, masks, rescalers, row_scales)
+    merged = MergedTaskVectors(tuple(task_vectors), recipe, vector, masks, rescalers, row_scales, codes=codes)
     if recipe.rounds == 1:
         return merged
     residuals: dict[str, TaskVector] = {}

@@ -1,7 +1,7 @@
-"""Experts that are not merged: each keeps its own weights, quantised. The bar that merging has to clear.
+"""Weights with a few bits per entry and a scale per row (output).
 
-What fine-tuning added is stored with a few bits per entry and a scale per row (output): the factors of the adapters,
-and the differences to the base of all other weights.
+Experts that are not merged, each with its own weights, quantised, are the bar that merging has to clear. Merged vectors
+and what tasks keep beside them can be quantised in the same way, so that sizes compare like with like.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ class Quantised:
     """A matrix with a few bits per entry."""
 
     codes: torch.Tensor
-    """Whole numbers of -(2^(bits - 1) - 1) .. 2^(bits - 1) - 1, int8, shape (rows, columns)."""
+    """Whole numbers of -(2^(bits - 1) - 1) .. 2^(bits - 1) - 1, int8, shape (rows, columns); 0 .. 2^bits - 1, uint8,
+    where no sign is stored."""
     scales: torch.Tensor
     """What a code of 1 stands for in each row, bf16, shape (rows,)."""
 
@@ -35,34 +36,37 @@ class Quantised:
         return self.codes.float() * self.scales.float()[:, None]
 
 
-def quantise(weight: torch.Tensor, bits: int) -> Quantised:
+def quantise(weight: torch.Tensor, bits: int, *, signed: bool = True) -> Quantised:
     """Round a weight to `bits` bits per entry, with the scale of each row that has the least squared error.
 
-    A vector or number is one row; of more axes, the first is that of the rows.
+    A vector or number is one row; of more axes, the first is that of the rows. Without `signed` no entry is negative,
+    and all bits are its magnitude's.
     """
     rows = as_rows(weight.detach().float())
-    most = 2 ** (bits - 1) - 1
+    most = 2 ** (bits - signed) - 1
     largest = rows.abs().amax(dim=1) if rows.shape[1] else rows.new_zeros(len(rows))
     best, scales = torch.full_like(largest, torch.inf), torch.zeros_like(largest)
     for share in CLIPPING:
         tried = (largest * share / most).bfloat16().float()
         error = (_rounded(rows, tried, most) * tried[:, None] - rows).square().sum(dim=1)
         scales, best = torch.where(error < best, tried, scales), torch.minimum(error, best)
-    return Quantised(_rounded(rows, scales, most).to(torch.int8), scales.bfloat16())
+    codes = _rounded(rows, scales, most).to(torch.int8 if signed else torch.uint8)
+    return Quantised(codes, scales.bfloat16())
 
 
 def pack(matrices: Mapping[str, Quantised], bits: int) -> dict[str, torch.Tensor]:
     """Return matrices as tensors that safetensors can store: `codes/<name>`, packed bits, and `scales/<name>`."""
     packed = {}
     for name, matrix in matrices.items():
-        unsigned = matrix.codes.cpu().numpy().astype(np.int16).reshape(-1, 1) + 2 ** (bits - 1)
+        shift = 0 if matrix.codes.dtype == torch.uint8 else 2 ** (bits - 1)
+        unsigned = matrix.codes.cpu().numpy().astype(np.int16).reshape(-1, 1) + shift
         entries = np.unpackbits(unsigned.astype(np.uint8), axis=1)[:, -bits:]
         packed[CODES + name] = torch.from_numpy(np.packbits(entries))
         packed[SCALES + name] = matrix.scales
     return packed
 
 
-def unpack(packed: Mapping[str, torch.Tensor], name: str, columns: int, bits: int) -> Quantised:
+def unpack(packed: Mapping[str, torch.Tensor], name: str, columns: int, bits: int, *, signed: bool = True) -> Quantised:
     """Return one of the matrices that `pack` packed.
 
     Args:
@@ -70,6 +74,7 @@ def unpack(packed: Mapping[str, torch.Tensor], name: str, columns: int, bits: in
         name: Name of the matrix.
         columns: Number of its columns. Its rows are as many as there are scales.
         bits: Bits per entry.
+        signed: As it was quantised.
 
     Raises:
         ExpertsDiffer: A part is missing or of another type or size.
@@ -85,8 +90,8 @@ def unpack(packed: Mapping[str, torch.Tensor], name: str, columns: int, bits: in
         )
     flat = np.unpackbits(codes.cpu().numpy(), count=entries * bits).reshape(entries, bits)
     unsigned = flat @ (1 << np.arange(bits - 1, -1, -1, dtype=np.int16))
-    signed = torch.from_numpy((unsigned - 2 ** (bits - 1)).astype(np.int8))
-    return Quantised(signed.reshape(len(scales), columns), scales)
+    entries_read = (unsigned - 2 ** (bits - 1)).astype(np.int8) if signed else unsigned.astype(np.uint8)
+    return Quantised(torch.from_numpy(entries_read).reshape(len(scales), columns), scales)
 
 
 def _rounded(rows: torch.Tensor, scales: torch.Tensor, most: int) -> torch.Tensor:

@@ -87,26 +87,38 @@ class Recipe(Stored):
     """Bits per entry of a task under `MaskRule.SIGNS`: each round approximates the residual of those before."""
     only: tuple[str, ...] = ()
     """Parts that are merged, see `parts`; each task keeps its own of all others. Empty for all parts."""
+    bits: StrictInt | None = None
+    """Bits per entry of all weights that are stored beside the base, merged or kept, see `quantisation`; None for the
+    weights' own types. Where nothing is merged, the operator's option says it."""
 
     def __post_init__(self) -> None:
         check_range("alpha", self.alpha, 0, math.inf)
         check_range("k, the blocks kept per task,", self.kept_blocks, 0, math.inf, closed="[)", whole=True)
         check_range("rounds", self.rounds, 1, math.inf, closed="[)", whole=True)
+        if self.bits is not None:
+            check_range("bits", self.bits, 2, 8, closed="[]", whole=True)
         if self.rounds > 1 and self.masks is not MaskRule.SIGNS:
             raise OutOfRange(f"expected masks '{MaskRule.SIGNS}' for {self.rounds} rounds, got '{self.masks}'")
         if self.operator == UNMERGED:
             check_range("bits", self.options.get("bits"), 2, 8, closed="[]", whole=True)
+            if self.bits is not None:
+                raise OutOfRange(f"expected bits as an option of the operator '{UNMERGED}', got both")
             if self.masks is not MaskRule.NONE:
                 raise OutOfRange(f"expected masks '{MaskRule.NONE}' where nothing is merged, got '{self.masks}'")
         check_parts(self.only)
         for value in self.lambda_.values() if isinstance(self.lambda_, Mapping) else (self.lambda_,):
             check_lambda(value)
 
+    @property
+    def stored_bits(self) -> int | None:
+        """Bits per entry of what each task keeps; None for the weights' own types."""
+        return self.options["bits"] if self.operator == UNMERGED else self.bits
+
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave `only` out if all parts are merged, as in recipes from before it."""
+        """Leave `only` and `bits` out if they are not used, as in recipes from before them."""
         plain: dict[str, Any] = write(self)
-        return plain if self.only else {name: value for name, value in plain.items() if name != "only"}
+        return {name: value for name, value in plain.items() if value or name not in ("only", "bits")}
 
 
 def check_lambda(value: float) -> None:

@@ -98,6 +98,46 @@ def test_experts_that_are_not_merged_load_unchanged_and_take_their_bits(experts,
     assert hash_tensors(tmp_path / "again" / WEIGHTS) == hash_tensors(tmp_path / WEIGHTS)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"operator": "ta"},
+        {"operator": "ta", "trunk": "mean"},
+        {"operator": "emr", "masks": "emr", "kept_blocks": 0, "merge_output": True},
+        {"operator": "magnitude", "masks": "signs", "rounds": 2},
+        {"operator": "ta", "backbone": "select"},
+        {"operator": "ta", "only": ("language",)},
+    ],
+)
+def test_a_merge_at_few_bits_loads_unchanged_and_is_as_large_as_its_bits(experts, tmp_path, changes):
+    sizes = {}
+    for bits in (3, 4, 8):
+        made = merged(experts, bits=bits, **changes)
+        save_merged(tmp_path / str(bits), made)
+        back = load_merged(tmp_path / str(bits)).parts
+        assert back.recipe.as_json()["bits"] == bits
+        ours, theirs = MergedModel(made.parts), MergedModel(back)
+        for task in TASKS:
+            a, b = ours.weights(task), theirs.weights(task)
+            assert all(torch.equal(a[name], b[name]) for name in a)
+        tensors = load_file(tmp_path / str(bits) / WEIGHTS)
+        stored = {name: tensor for name, tensor in tensors.items() if not name.startswith(("mask/", "subspace/"))}
+        assert not [name for name in stored if "/codes/" not in name and "scale" not in name and "/mask/" not in name]
+        sizes[bits] = sum(tensor.numel() for name, tensor in stored.items() if "/codes/" in name)
+    assert [sizes[bits] / sizes[8] for bits in (3, 4)] == pytest.approx([3 / 8, 4 / 8], rel=0.02)
+
+
+def test_eight_bits_are_near_the_weights_own_types_and_three_are_further(experts):
+    exact = MergedModel(merged(experts, operator="ta").parts)
+
+    def distance(bits):
+        model = MergedModel(merged(experts, operator="ta", bits=bits).parts)
+        pairs = [(model.weights(task), exact.weights(task)) for task in TASKS]
+        return sum(float((a[name] - b[name]).square().sum()) for a, b in pairs for name in a)
+
+    assert distance(8) < distance(4) / 10 < distance(3) / 10
+
+
 @pytest.fixture(scope="module")
 def beside_experts(tmp_path_factory):
     """A folder of experts, a checkpoint of them merged, and one that refers to them."""
