@@ -147,6 +147,8 @@ def _merged_digest(options: Mapping[str, Any]) -> str:
         "sees_instruction": chosen.sees_instruction,
         **_arithmetic(chosen.device),
     }
+    if not chosen.expert_sees_instruction:
+        content["expert_sees_instruction"] = False
     if chosen.recipe is not None and chosen.experts is not None:
         content |= {"recipe": chosen.recipe.as_json(), "experts": _digests(chosen.experts)}
     return content_hash(content)
@@ -195,6 +197,8 @@ MERGED = PolicyKind(
         "checkpoint": "folder or hub id of the merged checkpoint",
         "router": f"the router, which infers the task, by default {ROUTER}; `oracle` is given the true task",
         "sees_instruction": "whether the router reads the instruction, by default true",
+        "expert_sees_instruction": "whether the expert that acts reads the instruction, by default true; otherwise it "
+        "is told the one of the task that the router inferred",
         "recipe": "how to merge the experts at loading; the checkpoint then provides its fitted routers only",
         "experts": "folder of the expert checkpoints that the recipe merges",
         "device": DEVICE_MEANING,

@@ -106,6 +106,7 @@ class MergedOptions:
     """A folder or a hub id."""
     router: str
     sees_instruction: bool
+    expert_sees_instruction: bool
     recipe: Recipe | None
     """How to merge `experts` when the policy is loaded; the checkpoint then provides its fitted routers only."""
     experts: Path | None
@@ -118,16 +119,17 @@ def merged_options(options: Mapping[str, Any]) -> MergedOptions:
     """Read a suite's options. Raises PolicyError if one is missing or invalid."""
     checkpoint = text_option(MERGED_NAME, options, "checkpoint", "a folder or hub id")
     router = text_option(MERGED_NAME, {"router": ROUTER, **options}, "router", "a router's name")
-    sees = options.get("sees_instruction", True)
-    if not isinstance(sees, bool):
-        raise PolicyError(f"policy '{MERGED_NAME}': expected option sees_instruction: true or false, got {sees!r}")
+    sees, expert_sees = (options.get(name, True) for name in ("sees_instruction", "expert_sees_instruction"))
+    for name, value in (("sees_instruction", sees), ("expert_sees_instruction", expert_sees)):
+        if not isinstance(value, bool):
+            raise PolicyError(f"policy '{MERGED_NAME}': expected option {name}: true or false, got {value!r}")
     device = device_option(MERGED_NAME, options)
     plain, folder = options.get("recipe"), options.get("experts")
     if (plain is None) != (folder is None):
         raise PolicyError(f"policy '{MERGED_NAME}': expected options recipe and experts together, got one of them")
     if plain is None:
-        return MergedOptions(checkpoint, router, sees, None, None, device)
+        return MergedOptions(checkpoint, router, sees, expert_sees, None, None, device)
     if not isinstance(plain, Mapping):
         raise PolicyError(f"policy '{MERGED_NAME}': expected option recipe: how to merge, got {plain!r}")
     experts = shipped(text_option(MERGED_NAME, options, "experts", "a folder of expert checkpoints"))
-    return MergedOptions(checkpoint, router, sees, Recipe.from_json(plain), experts, device)
+    return MergedOptions(checkpoint, router, sees, expert_sees, Recipe.from_json(plain), experts, device)

@@ -11,7 +11,7 @@ from robogauntlet_mergevla.network.config import Architecture
 
 ORACLE_ROUTER = "oracle"
 """The router that is given the true task."""
-UNFITTED_ROUTERS = (ORACLE_ROUTER, "instruction-match", "paper-coded", "paper-written", "random")
+UNFITTED_ROUTERS = (ORACLE_ROUTER, "delta-energy", "instruction-match", "paper-coded", "paper-written", "random")
 """Routers that any checkpoint has: the keys of `routing.catalog.UNFITTED`."""
 
 

@@ -159,9 +159,9 @@ def unlabelled(model: MergedModel, first: RouterTrainingSet) -> dict[str, Scores
     import torch
 
     from robogauntlet_mergevla.routing.catalog import feature_spec_of
+    from robogauntlet_mergevla.routing.deltas import agreement, directions, energies
     from robogauntlet_mergevla.routing.fitted_router import FittedRouter
-    from studies.routing.deltas import agreement, directions, energies
-    from studies.routing.self_training import RANK, fit_self_trained
+    from robogauntlet_mergevla.routing.self_training import RANK, fit_self_trained
 
     pool, held_out = (list(chain(*part.values())) for part in (first.frames, first.held_out))
     specs = [feature_spec_of(model.architecture, sees_instruction=sees) for sees in (True, False)]

@@ -99,7 +99,7 @@ def detectors(
     from robogauntlet_mergevla.routing.catalog import feature_spec_of
     from robogauntlet_mergevla.routing.features import features_of
     from robogauntlet_mergevla.routing.gaussian import GaussianRouterFit
-    from studies.routing.self_training import fit_self_trained
+    from robogauntlet_mergevla.routing.self_training import fit_self_trained
 
     pool, held_out = (list(chain(*part.values())) for part in (first.frames, first.held_out))
     spec = feature_spec_of(model.architecture, sees_instruction=sees)

@@ -101,7 +101,7 @@ def merge(
         typer.Option(
             "--router",
             metavar="NAME",
-            help="Router to fit: calibrated or nearest-centroid. Repeatable; by default both.",
+            help="Router to fit: calibrated, nearest-centroid or self-trained. Repeatable; by default all.",
         ),
     ] = None,
     weights: Annotated[
@@ -178,14 +178,13 @@ def _check_out(folder: Path) -> None:
 
 def _check_routers(names: Sequence[str], demonstrations: Sequence[Path]) -> None:
     """Refuse what cannot be fitted before anything is merged."""
-    from robogauntlet_mergevla.routing.catalog import FITTED, FITTED_PLUGINS, fit_of, names_of
+    from robogauntlet_mergevla.routing.catalog import FITTED
 
     if names and not demonstrations:
         raise MergeError("expected --demonstrations with --router, got none")
     for name in names:
-        if fit_of(name) is None:
-            known = [*FITTED, *names_of(FITTED_PLUGINS)]
-            raise MergeError(f"expected --router {' or '.join(known)}, got '{name}'{did_you_mean(name, known)}")
+        if name not in FITTED:
+            raise MergeError(f"expected --router {' or '.join(FITTED)}, got '{name}'{did_you_mean(name, FITTED)}")
 
 
 def _is_leftover(path: Path) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from robogauntlet.adapters.contract import Observation
-from robogauntlet.policies.contract import Decision, PolicyMismatch, PolicySpec, Query, Routing
+from robogauntlet.policies.contract import Decision, PolicyError, PolicyMismatch, PolicySpec, Query, Routing
 from robogauntlet.suites.episode import Episode
 from robogauntlet_mergevla.checkpoints.merge_experts import Experts, merge_parts, read_experts
 from robogauntlet_mergevla.checkpoints.merged_checkpoint import MergedCheckpoint, load_merged
@@ -31,7 +31,7 @@ from robogauntlet_mergevla.policies.single_policy import (
     observed,
     stack_images,
 )
-from robogauntlet_mergevla.routing.catalog import fit_of
+from robogauntlet_mergevla.routing.catalog import FITTED
 from robogauntlet_mergevla.routing.catalog import router as router_named
 from robogauntlet_mergevla.routing.contract import FirstObservation, Router, named_for
 from robogauntlet_mergevla.spec import merged_spec
@@ -43,7 +43,17 @@ class MergedPolicy:
     The choice is kept until the episode ends. Uses one thread.
     """
 
-    def __init__(self, model: MergedModel, router: Router) -> None:
+    def __init__(self, model: MergedModel, router: Router, *, expert_sees_instruction: bool = True) -> None:
+        """Take a model and a router; `expert_sees_instruction` as in `options.MergedOptions`.
+
+        Raises PolicyError without it if an expert has several tasks, of which the router names none.
+        """
+        several = [expert for expert, tasks in model.tasks.items() if len(tasks) > 1]
+        if several and not expert_sees_instruction:
+            raise PolicyError(
+                f"expected experts of one task each with expert_sees_instruction: false, got several of {several[0]}"
+            )
+        self._sees_instruction = expert_sees_instruction
         torch.set_num_threads(1)
         self.spec = merged_spec(model.architecture, model.parts.statistics.action_dims, model.expert_of, router.name)
         self._model, self._router = model, router
@@ -60,8 +70,8 @@ class MergedPolicy:
     def of(cls, options: MergedOptions) -> MergedPolicy:
         """Load a merged checkpoint, or merge experts if the options have a recipe.
 
-        The options decide whether the router reads the instruction; the acting expert always does. Raises PolicyError
-        if a checkpoint cannot be used, or the router is unknown or was not fitted.
+        The options decide whether router and acting expert read the instruction. Raises PolicyError if a checkpoint
+        cannot be used, or the router is unknown or was not fitted.
         """
         device = device_named(options.device)
         checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
@@ -73,7 +83,8 @@ class MergedPolicy:
             parts = merge_parts(experts, options.recipe, checkpoint.metadata.instructions)
         else:
             parts = checkpoint.parts
-        return cls(MergedModel(parts, device=device), router)
+        model = MergedModel(parts, device=device)
+        return cls(model, router, expert_sees_instruction=options.expert_sees_instruction)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes without a choice."""
@@ -92,6 +103,12 @@ class MergedPolicy:
         observations = observed(queries)
         new = self._route(queries, observations)
         experts = [self._chosen[query.episode.id] for query in queries]
+        if not self._sees_instruction:
+            known, tasks = self._model.instructions, self._model.tasks
+            observations = [
+                replace(observation, instruction=known[tasks[expert][0]])
+                for observation, expert in zip(observations, experts, strict=True)
+            ]
         chunks = chunks_by(observations, experts, experts, self._network)
         return [Decision(chunk, new.pop(query.episode.id, None)) for query, chunk in zip(queries, chunks, strict=True)]
 
@@ -166,7 +183,7 @@ def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, chec
     if recipe.masks is MaskRule.TASK:
         lambdas_of({CheckpointMetadata.read(folder).expert: {} for folder in folders.values()}, recipe.lambda_)
     expected = checkpoint.metadata.base_hash
-    for task, folder in folders.items() if fit_of(router) is not None else ():
+    for task, folder in folders.items() if router in FITTED else ():
         base_hash = CheckpointMetadata.read(folder).base_hash or "none"
         if base_hash != expected:
             raise PolicyMismatch(

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from itertools import chain
-from typing import Any
 
 from torch import Tensor
 
@@ -17,20 +15,20 @@ from robogauntlet_mergevla.routing import gaussian
 from robogauntlet_mergevla.routing.augmentation import augmented
 from robogauntlet_mergevla.routing.baselines import InstructionMatchRouter, OracleRouter, RandomRouter
 from robogauntlet_mergevla.routing.contract import FirstObservation, Router, RoutingError
+from robogauntlet_mergevla.routing.deltas import DeltaEnergyRouter
 from robogauntlet_mergevla.routing.features import FeatureSpec, LabelledFeatures, labelled_features
 from robogauntlet_mergevla.routing.fitted_router import FittedRouter, RouterFit, fit_centroids
 from robogauntlet_mergevla.routing.gaussian import GaussianRouterFit
+from robogauntlet_mergevla.routing.self_training import fit_self_trained
 from robogauntlet_mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
 
 SUBSPACES = {router.kind: router for router in (PaperCodedRouter, PaperWrittenRouter)}
 """Routers with options, which follow the name and a colon: `paper-coded:projections=kv,rank=16`."""
 UNFITTED: Mapping[str, Callable[..., Router]] = {
     **SUBSPACES,
-    **{router.name: router for router in (RandomRouter, InstructionMatchRouter, OracleRouter)},
+    **{router.name: router for router in (RandomRouter, InstructionMatchRouter, OracleRouter, DeltaEnergyRouter)},
 }
 """Routers that need no fitting."""
-PLUGINS, FITTED_PLUGINS = "robogauntlet_mergevla.routers", "robogauntlet_mergevla.fitted_routers"
-"""Groups of entry points by which other distributions add a `Router` of theirs, or an `UnlabelledFit`."""
 
 
 @dataclass(frozen=True)
@@ -55,30 +53,14 @@ class UnlabelledFit:
     """The inverse of `RouterFit.as_tensors`."""
 
 
-FITTED: Mapping[str, FitMethod] = {
+FITTED: Mapping[str, FitMethod | UnlabelledFit] = {
     "calibrated": FitMethod(gaussian.fit, GaussianRouterFit.from_tensors, augments=True),
     "nearest-centroid": FitMethod(fit_centroids, RouterFit.from_tensors, augments=False),
+    "self-trained": UnlabelledFit(fit_self_trained, GaussianRouterFit.from_tensors),
 }
-"""Routers that are fitted to first observations with their tasks."""
+"""Routers that are fitted to first observations, the last one without their tasks."""
 NAMES = tuple(sorted([*UNFITTED, *FITTED]))
 """All routers of this package."""
-
-
-def fit_of(name: str) -> FitMethod | UnlabelledFit | None:
-    """How the router of that name is fitted; None if it is not, or there is none."""
-    found: FitMethod | UnlabelledFit | None = FITTED.get(name) or _added(FITTED_PLUGINS, name)
-    return found
-
-
-def names_of(*groups: str) -> list[str]:
-    """Names of all routers that other distributions add by these groups of entry points."""
-    return sorted(name for group in groups for name in metadata.entry_points(group=group).names)
-
-
-def _added(group: str, name: str) -> Any:
-    for entry in metadata.entry_points(group=group, name=name):
-        return entry.load()
-    return None
 
 
 def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Tensor] | None = None) -> Router:
@@ -95,18 +77,16 @@ def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Ten
             raise RoutingError(f"router '{name}': {error}") from None
     if colon and plain in NAMES:
         raise RoutingError(f"router '{name}': expected a router with options, {' or '.join(SUBSPACES)}, got '{plain}'")
-    if (unfitted := UNFITTED.get(name) or _added(PLUGINS, name)) is not None:
-        ready: Router = unfitted(sees_instruction=sees_instruction)
-        return ready
-    if (fit := fit_of(name)) is None:
-        known = (*NAMES, *names_of(PLUGINS, FITTED_PLUGINS))
-        raise RoutingError(f"unknown router '{name}'{did_you_mean(name, known)}")
+    if name in UNFITTED:
+        return UNFITTED[name](sees_instruction=sees_instruction)
+    if name not in FITTED:
+        raise RoutingError(f"unknown router '{name}'{did_you_mean(name, NAMES)}")
     prefix = _prefix(name, sees_instruction=sees_instruction)
     tensors = {key.removeprefix(prefix): tensor for key, tensor in (stored or {}).items() if key.startswith(prefix)}
     if not tensors:
         raise RoutingError(f"router '{name}': expected tensors {prefix}* fitted to first observations, got none")
     try:
-        return FittedRouter(name, fit.read(tensors))
+        return FittedRouter(name, FITTED[name].read(tensors))
     except RoutingError as error:
         raise RoutingError(f"router '{name}': {error}; merge again with --demonstrations") from None
 
@@ -123,7 +103,7 @@ def fit_routers(
         model: Merged model, of which only the base is run.
         frames: Task of an expert to first observations for its class.
         held_out: Task to other observations, for temperature and thresholds.
-        names: Routers to fit; by default those of `FITTED`.
+        names: Routers of `FITTED` to fit; by default all.
 
     Returns:
         Tensors by `<router>/<instructed | unaided>/<name>`, for a safetensors file.
@@ -134,15 +114,15 @@ def fit_routers(
     """
     specs = [feature_spec_of(model.architecture, sees_instruction=sees) for sees in (True, False)]
     fits: list[tuple[str, RouterFit]] = []
-    for spec in specs:
-        for name, fitting in FITTED.items():
-            if not names or name in names:
-                parts = fitting_features(fitting, model, frames, held_out, spec)
-                fits.append((name, fitting.fit(*parts, feature_spec=spec)))
     pool, others = (list(chain.from_iterable(part.values())) for part in (frames, held_out))
-    for name in names:
-        if isinstance(fit := fit_of(name), UnlabelledFit):
-            fits += [(name, fitted) for fitted in fit.fit(model, pool, others, specs)]
+    for name in names or FITTED:
+        fitting = FITTED[name]
+        if isinstance(fitting, UnlabelledFit):
+            fits += [(name, fitted) for fitted in fitting.fit(model, pool, others, specs)]
+            continue
+        for spec in specs:
+            parts = fitting_features(fitting, model, frames, held_out, spec)
+            fits.append((name, fitting.fit(*parts, feature_spec=spec)))
     return {
         _prefix(name, sees_instruction=fitted.feature_spec.sees_instruction) + key: tensor.contiguous()
         for name, fitted in fits

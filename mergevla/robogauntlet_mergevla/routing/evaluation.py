@@ -16,6 +16,7 @@ from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet_mergevla.routing.catalog import (
     FITTED,
     NAMES,
+    FitMethod,
     feature_spec_of,
     fitting_features,
     router,
@@ -136,7 +137,7 @@ def unknown_tasks(
     *,
     listener: ProgressListener = lambda done, total: None,
 ) -> list[UnknownTaskScores]:
-    """Leave each task in turn out of the fit of every fitted router, and score new observations of all tasks.
+    """Leave each task in turn out of the fit of every router fitted to tasks, and score new observations of all tasks.
 
     Args:
         model: Merged model, of which only the base is run.
@@ -145,12 +146,13 @@ def unknown_tasks(
         listener: Called with the number of routers done and in all.
     """
     scores: list[UnknownTaskScores] = []
-    total = 2 * len(FITTED)
+    methods = {name: fitting for name, fitting in FITTED.items() if isinstance(fitting, FitMethod)}
+    total = 2 * len(methods)
     for sees_instruction in (True, False):
         listener(len(scores), total)
         feature_spec = feature_spec_of(model.architecture, sees_instruction=sees_instruction)
         new = labelled_features(model, observations, feature_spec)
-        for name, fitting in FITTED.items():
+        for name, fitting in methods.items():
             parts = fitting_features(fitting, model, training_set.frames, training_set.held_out, feature_spec)
             by_task = leave_one_out(partial(fitting.fit, feature_spec=feature_spec), *parts, new)
             scores.append(UnknownTaskScores(name, sees_instruction, by_task))

@@ -1,36 +1,23 @@
 """Routers by name, and fitted ones on a small network."""
 
 from dataclasses import replace
-from importlib import metadata
-from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
 import torch
 from safetensors.torch import load, save
 
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet_mergevla.routing.baselines import RandomRouter
-from robogauntlet_mergevla.routing.catalog import (
-    FITTED_PLUGINS,
-    NAMES,
-    PLUGINS,
-    UNFITTED,
-    UnlabelledFit,
-    fit_routers,
-    router,
-)
+from robogauntlet_mergevla.routing.catalog import FITTED, NAMES, UNFITTED, fit_routers, router
 from robogauntlet_mergevla.routing.contract import RoutingError
 from robogauntlet_mergevla.routing.features import FeatureSpec, Pooling, features_of, labelled_features
 from robogauntlet_mergevla.routing.gaussian import GaussianRouterFit, fit
 from robogauntlet_mergevla.spec import UNFITTED_ROUTERS
 from tests.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, frames, observation, observations
 
-FITTED = ("calibrated", "nearest-centroid")
-
 
 def test_the_catalog_has_every_router():
     assert set(UNFITTED) == set(UNFITTED_ROUTERS)
-    assert set(NAMES) == {*UNFITTED_ROUTERS, *FITTED}
+    assert set(NAMES) == {*UNFITTED, *FITTED}
 
 
 @pytest.mark.parametrize(
@@ -66,7 +53,10 @@ def test_a_router_is_named_by_its_options():
     assert router("paper-coded:projections=v,rank=8").name == "paper-coded"
 
 
-@pytest.mark.parametrize("name", FITTED)
+LABELLED = ("calibrated", "nearest-centroid")
+
+
+@pytest.mark.parametrize("name", LABELLED)
 @pytest.mark.parametrize("sees_instruction", [True, False])
 def test_fitted_routers_from_safetensors_route_new_frames_correctly(name, sees_instruction, model, stored):
     chosen = router(name, sees_instruction=sees_instruction, stored=load(save(stored)))
@@ -151,30 +141,3 @@ def test_the_message_for_a_router_of_another_format_says_what_to_do(stored):
     others = {key: tensor for key, tensor in stored.items() if not key.endswith("/whitening")}
     with pytest.raises(PolicyError, match=r"expected whitening .* got none; merge again with --demonstrations"):
         router("calibrated", stored=others)
-
-
-def test_another_distribution_adds_routers_by_entry_points(monkeypatch, model):
-    added = [
-        EntryPoint("drawn", f"{__name__}:Drawn", PLUGINS),
-        EntryPoint("unlabelled", f"{__name__}:FIT", FITTED_PLUGINS),
-    ]
-    monkeypatch.setattr(metadata, "entry_points", lambda **given: EntryPoints(added).select(**given))
-    assert isinstance(router("drawn"), Drawn)
-    fitted = fit_routers(model, frames(0, 4), frames(50, 4), ["unlabelled"])
-    assert {key.partition("/")[0] for key in fitted} == {"unlabelled"}
-    assert [one.choice for one in router("unlabelled", stored=fitted).route(observations(3), model)]
-    with pytest.raises(PolicyError, match="unknown router 'unlabeled'; did you mean 'unlabelled'"):
-        router("unlabeled")
-
-
-class Drawn(RandomRouter):
-    """A router that needs no fitting."""
-
-
-def fitted_in_turn(model, pool, held_out, specs):
-    """Every third observation is taken for one of an expert."""
-    parts = {expert: pool[place :: len(EXPERTS)] for place, expert in enumerate(EXPERTS)}
-    return [fit(*(labelled_features(model, parts, spec),) * 2, spec) for spec in specs]
-
-
-FIT = UnlabelledFit(fitted_in_turn, GaussianRouterFit.from_tensors)

@@ -12,7 +12,7 @@ from tests.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observat
 
 PASSES = {
     **{"paper-coded": 3, "paper-written": 3},
-    **{"calibrated": 1, "nearest-centroid": 1},
+    **{"calibrated": 1, "nearest-centroid": 1, "self-trained": 1, "delta-energy": 1},
 }
 
 

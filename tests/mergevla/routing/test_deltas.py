@@ -9,7 +9,7 @@ import torch
 from robogauntlet_mergevla.network.model import build
 from robogauntlet_mergevla.network.tokenizer import tokenizer_for
 from robogauntlet_mergevla.routing.contract import RoutingError
-from studies.routing.deltas import DeltaEnergyRouter, agreement, directions, energies
+from robogauntlet_mergevla.routing.deltas import DeltaEnergyRouter, agreement, directions, energies
 from tests.mergevla.network.test_pretrained import LITTLE
 from tests.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observations
 

@@ -17,8 +17,8 @@ from torch import Tensor
 from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet_mergevla.routing import gaussian
 from robogauntlet_mergevla.routing.augmentation import augmented
-from robogauntlet_mergevla.routing.catalog import UnlabelledFit
 from robogauntlet_mergevla.routing.contract import FirstObservation, RoutingError
+from robogauntlet_mergevla.routing.deltas import agreement, directions, energies
 from robogauntlet_mergevla.routing.features import (
     FeatureSpec,
     LabelledFeatures,
@@ -27,9 +27,7 @@ from robogauntlet_mergevla.routing.features import (
 )
 from robogauntlet_mergevla.routing.fitted_router import conformal_threshold
 from robogauntlet_mergevla.routing.gaussian import GaussianRouterFit
-from studies.routing.deltas import agreement, directions, energies
 
-NAME = "self-trained"
 RANK = 24
 """Right singular vectors of a delta that count as its row space."""
 ROUNDS = 10
@@ -115,7 +113,3 @@ def _each_once(scores: Tensor) -> Tensor:
             behind_here = torch.where(counts[labels] > 1, behind[:, place], -torch.inf)
             labels[behind_here.argmax()] = place
     return labels
-
-
-FIT = UnlabelledFit(fit_self_trained, GaussianRouterFit.from_tensors)
-"""How `self-trained` is found by its name."""

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robogauntlet_mergevla.routing.contract import RoutingError
 from robogauntlet_mergevla.routing.features import FeatureSpec
-from studies.routing.self_training import fit_self_trained, self_labels, standardised
+from robogauntlet_mergevla.routing.self_training import fit_self_trained, self_labels, standardised
 from tests.mergevla.routing.synthetic import EXPERTS, gaussians, observations
 
 SPEC = FeatureSpec()
