@@ -83,12 +83,21 @@ class Layer(nn.Module):
         return states + self.mlp(self.post_attention_layernorm(states))
 
 
+class Embedding(nn.Embedding):
+    """Words' embeddings. Drawing values for a weight that has no memory would import torch's compiler (3 s)."""
+
+    def reset_parameters(self) -> None:
+        """Draw the weight, if it has memory."""
+        if not self.weight.is_meta:
+            super().reset_parameters()
+
+
 class Decoder(nn.Module):
     """The decoder. `embed_tokens` gives words' embeddings, shape (B, words) to (B, words, width)."""
 
     def __init__(self, config: LanguageModel) -> None:
         super().__init__()
-        self.embed_tokens = nn.Embedding(config.vocabulary, config.width)
+        self.embed_tokens = Embedding(config.vocabulary, config.width)
         self.layers = nn.ModuleList(Layer(config) for _ in range(config.layers))
         self.norm = Norm(config.width)
         head = config.width // config.heads
@@ -122,7 +131,7 @@ def _rotated(states: Tensor, rotation: Rotation) -> Tensor:
 
 
 def _initialise(module: nn.Module) -> None:
-    if isinstance(module, nn.Linear | nn.Embedding):
+    if isinstance(module, nn.Linear | nn.Embedding) and not module.weight.is_meta:
         nn.init.normal_(module.weight, std=INITIAL_STD)
     if isinstance(module, nn.Linear) and module.bias is not None:
         nn.init.zeros_(module.bias)

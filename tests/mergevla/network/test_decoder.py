@@ -11,7 +11,10 @@ from robogauntlet_mergevla.network.decoder import Decoder
 
 ALONE = """
 import sys
-from robogauntlet_mergevla.policies import merged_policy, single_policy
+from robogauntlet_mergevla.kinds import EXPERTS, KIND, MERGED
+KIND.load({"checkpoint": "zoo:base"})
+EXPERTS.load({"folder": "zoo:experts"})
+MERGED.load({"checkpoint": "zoo:merged"})
 print(sorted({"transformers", "peft", "sympy", "torch._dynamo"} & sys.modules.keys()))
 """
 
