@@ -102,7 +102,7 @@ def compared(frame: pd.DataFrame, families: Sequence[str] = FAMILIES) -> dict[st
             gain = mean_of_levels([after - before for before, after in zip(*sides, strict=True)])
             for one, rate in zip(families, rates, strict=True):
                 assert rate
-                row[f"{one}{severity}"] = f"{rate.value:.0%}"
+                row[f"{one}{severity}"] = f"{int(100 * rate.value + 0.5 + 1e-9)}%"  # a half, on any processor
             row[f"difference{severity}"] = points(_possible(gain))
             counts.append(sum(int((~np.isnan(one)).sum()) for one in sides[0]))
     return row | {"episodes": " / ".join(map(str, dict.fromkeys(counts)))}
