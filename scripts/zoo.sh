@@ -13,7 +13,7 @@ ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 CORRECTED=pybullet/PandaPush-v3
 # Task, demonstrations and their render profile, steps and learning rate of its expert's training, further options: the
 # longest first, so that both processes end together. Five tasks have more than 150 demonstrations, since their success
-# was low; three of them adapt convolutions too. studies/merging/stacking.sh compares other trainings of the first two.
+# was low; three of them adapt convolutions too.
 EXPERTS="robosuite/Stack 2000 fast-2 20000 7e-4 --adapt-convolutions --action-steps 8
 maniskill/StackCube-v1 2000 fast-2 20000 7e-4 --adapt-convolutions --action-steps 2
 $CORRECTED 500 fast 9000 1e-3 --adapt-convolutions --action-steps 4
@@ -69,7 +69,7 @@ merge() {
     shift
     finished "$out" ||
         "$ROBOGAUNTLET" mergevla merge "$FOLDER/experts" --out "$out" --no-weights --demonstrations "$DATA" \
-            --router calibrated --router nearest-centroid "$@"
+            "$@"
 }
 merge merged --operator magnitude --keep-blocks 1 --rounds 2
-merge unmerged-int4 --operator none --masks none --bits 4
+merge unmerged-int4 --operator none --masks none --bits 4 --router calibrated --router nearest-centroid

@@ -25,7 +25,6 @@ def test_the_tables_of_a_readme_are_those_of_the_kept_rows(study):
         ("so101/so101.sh", 5),
         ("more_experts/meta_world.sh", 40),
         ("libero/libero.sh", 55),
-        ("merging/stacking.sh", 13),
     ],
 )
 def test_every_command_of_a_script_is_valid(script, verbs, tmp_path):

@@ -317,7 +317,8 @@ class Suite(_Model):
 
     def with_names(self, names: Registry) -> Suite:
         """Return the suite with its task patterns and its robots replaced by task names."""
-        tasks = with_robots(expand_tasks(self.tasks, names.tasks), self.robots, robots_by_task(names.tasks))
+        able = robots_by_task(names.tasks) if self.robots else {}  # reads all tasks, of which there are ten thousand
+        tasks = with_robots(expand_tasks(self.tasks, names.tasks), self.robots, able)
         return self.model_copy(update={"tasks": tuple(tasks), "robots": ()})
 
     def all_conditions(self) -> list[Condition]:

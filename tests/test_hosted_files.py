@@ -61,6 +61,7 @@ def test_the_nightly_workflow_passes_on_good_runs_and_fails_on_a_regression(runn
     assert "oracle, null/Reach: 100 % before, 70 % now of 40 episodes, -30.0 [" in summary
 
 
+@pytest.mark.nightly
 @pytest.mark.ray
 def test_the_action_plays_the_policy_and_the_options_that_it_is_given(runner, tmp_path):
     code, output, _ = runner.run_step(

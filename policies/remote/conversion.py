@@ -7,7 +7,6 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from PIL import Image as Picture
-from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray, Image, Observation
 from robogauntlet.policies.contract import PolicyMismatch, Query
@@ -128,11 +127,12 @@ def as_axis_angles(convention: Convention, rotations: FloatArray) -> FloatArray:
 
     Raises PolicyMismatch for a quaternion whose length differs from 1 by more than 0.01, which float16 never does.
     """
-    match convention.rotation:
-        case "axis-angle":
-            return rotations * convention.rotation_scale
-        case "euler":
-            return Rotation.from_euler("xyz", rotations * convention.rotation_scale).as_rotvec()
+    if convention.rotation == "axis-angle":
+        return rotations * convention.rotation_scale
+    from scipy.spatial.transform import Rotation  # takes 0.2 s, in commands that ask no server
+
+    if convention.rotation == "euler":
+        return Rotation.from_euler("xyz", rotations * convention.rotation_scale).as_rotvec()
     lengths = np.linalg.norm(rotations, axis=1)
     for row in np.flatnonzero(np.abs(lengths - 1.0) > 0.01):
         raise PolicyMismatch(

@@ -1,4 +1,4 @@
-"""The plot of storage per task against a measure: every way of merging a point, what is not merged a line."""
+"""The plot of storage per task against a measure: a line for each way of storing experts, from many bits to few."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,6 +34,8 @@ class Point:
     kilobytes: float
     value: float
     interval: tuple[float, float] | None = None
+    way: str = ""
+    """Points of one way are joined."""
 
 
 def draw(points: Sequence[Point], path: Path, *, measure: str, joint: float, top: float) -> None:
@@ -54,14 +56,15 @@ def draw(points: Sequence[Point], path: Path, *, measure: str, joint: float, top
         figure.set_figwidth(6.7)
         panel = panels[0, 0]
         for colour, kind in zip(COLOURS, KINDS, strict=False):
-            shown = sorted((p for p in points if p.kind == kind), key=lambda point: point.kilobytes)
-            x, y = [point.kilobytes for point in shown], [point.value for point in shown]
-            panel.plot(
-                x, y, "o-" if kind == NOT_MERGED else "o", color=colour, markersize=3.5, linewidth=0.8, label=kind
-            )
+            shown = [point for point in points if point.kind == kind]
+            for place, way in enumerate(dict.fromkeys(point.way for point in shown)):
+                own = sorted((point for point in shown if point.way == way), key=lambda point: point.kilobytes)
+                x, y = [point.kilobytes for point in own], [point.value for point in own]
+                label = None if place else kind
+                panel.plot(x, y, "o-", color=colour, markersize=3, linewidth=0.7, label=label)
             for point in shown:
                 if point.interval:
-                    panel.vlines(point.kilobytes, *point.interval, colors=colour, linewidth=0.7)
+                    panel.vlines(point.kilobytes, *point.interval, colors=colour, linewidth=0.4)
         panel.axhline(joint, color="#56748c", linestyle="--", linewidth=0.8, label="joint training, one network")
         panel.set_xscale("log")
         panel.set_xlim(min(point.kilobytes for point in points) / 1.2, max(point.kilobytes for point in points) * 1.5)
@@ -82,7 +85,9 @@ def _label(panel: Axes, points: Sequence[Point]) -> None:
     to_axes = panel.transData + panel.transAxes.inverted()
     marks = [to_axes.transform((point.kilobytes, point.value)) for point in points]
     taken = [(x - WIDTH, x + WIDTH, y) for x, y in marks]
-    for point in sorted(points, key=lambda point: (KINDS.index(point.kind), -point.value)):
+    for point in sorted(
+        (point for point in points if point.name), key=lambda point: (KINDS.index(point.kind), -point.value)
+    ):
         left, middle = to_axes.transform((point.kilobytes, point.value))
         below = point.kind == NOT_MERGED
         left, right, middle = left + GAP, left + GAP + WIDTH * len(point.name), middle - (HEIGHT if below else 0)

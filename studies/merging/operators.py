@@ -1,8 +1,11 @@
-"""The suite `operators`: bytes per task against success, every way of merging a point, quantised experts as the bar.
+"""Every way of merging beside the experts' quantised copies: bytes per task against success, at equal precision.
 
-`RUN=FOLDER python -m studies merging --measure operators` reads a run of the suite instead of playing all of its seeds;
-several of different seeds are separated by colons.
+The suite `operators` in the weights' own types, and its merges again with all that they store at 8, 4 and 3 bits.
+`RUN=FOLDER QUANTISED=FOLDER python -m studies merging --measure operators` reads a run of the suite, or several of
+different seeds separated by colons, and plays the merges with few bits into a folder, or what it lacks of them.
 """
+
+from __future__ import annotations
 
 import os
 import tempfile
@@ -11,91 +14,150 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import yaml
 
 from robogauntlet.results.api import open_run
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from studies.merging import bytes_plot
 from studies.merging.bytes_plot import Point
-from studies.shared import kilobytes, run_suite, table_of
+from studies.shared import kilobytes, play_policies, run_suite, table_of
 from studies.tables import WRITTEN, episodes_of, write_episodes
 
-EXPERTS, JOINT = "experts", "joint"
-KINDS = {
-    "experts": bytes_plot.NOT_MERGED,
-    "none": bytes_plot.NOT_MERGED,
-    "signs": bytes_plot.SHARED,
-    "flat": bytes_plot.NOTHING_SHARED,
+EXPERTS, JOINT, UNMERGED = "experts", "joint", "none"
+COPIES = "copies, not merged"
+BITS = (8, 4, 3)
+SEEDS = 20
+DRAWN = {
+    "signs-2": bytes_plot.SHARED,
+    "signs-1": bytes_plot.SHARED,
+    "flat-2": bytes_plot.NOTHING_SHARED,
+    "flat-1": bytes_plot.NOTHING_SHARED,
 }
-"""First part of a policy's name to what it is; all others merge task vectors."""
+"""Ways to what they are in the plot; all others merge task vectors."""
+EPISODE = ("policy", "task", "seed", "status")
 COLUMNS = {
+    "way": "{way}",
+    "own types": "{own}",
+    **{f"{bits} bits": f"{{bits_{bits}}}" for bits in BITS},
+}
+PARTS = {
     "way": "{policy}",
     "kB per task": "{kilobytes:,.0f}",
     "success": "{success}",
     "of the experts'": "{kept}",
     "weakest task": "{weakest}",
 }
+SUITE = yaml.safe_load(Path(__file__).with_name("operators.yaml").read_text(encoding="utf-8"))
+OTHERS = (EXPERTS, JOINT, UNMERGED)
+WAYS = {one["name"]: one for one in SUITE["policies"] if one["name"].partition("-")[0] not in OTHERS}
 
 
-def measure() -> list[dict[str, object]]:
-    """A row for each policy; writes the episodes and the figure beside the rows."""
-    rows = measured("operators")
+def measure() -> list[dict[str, Any]]:
+    """A row for each way; writes the episodes and the figure beside the rows."""
+    own, sizes = played("operators")
+    folder = Path(os.environ.get("QUANTISED", "runs/quantised"))
+    policies = {named(way, bits): at(one, bits) for way, one in WAYS.items() for bits in BITS}
+    frame = pd.concat([own, play_policies(folder, "quantised", policies, SUITE["tasks"], SEEDS, EPISODE)])
+    write_episodes("operators", frame, ("policy", "task", "seed"))
+    sizes |= {name: kilobytes_per_task(one["kind"], one["options"], flat(name)) for name, one in policies.items()}
+    sizes |= {way: kilobytes_per_task(one["kind"], one["options"], flat(way)) for way, one in WAYS.items()}
+    rows = rows_of(frame, sizes)
     draw(rows, WRITTEN / "operators.svg")
+    table_of(rows, COLUMNS)
     return rows
 
 
-def measured(suite: str) -> list[dict[str, object]]:
-    """Play a suite of merges, or read `RUN`: a row for each policy; writes the episodes beside the rows."""
+def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows again, from the kept episodes; sizes are taken from the rows."""
+    sizes = {name: point["kilobytes"] for row in rows for name, point in row["points"].items()}
+    return rows_of(episodes_of("merging", "operators"), sizes)
+
+
+def played(suite: str) -> tuple[pd.DataFrame, dict[str, float]]:
+    """Play a suite of merges, or read `RUN`: its episodes, and each policy's storage per task beside the base (kB)."""
     with tempfile.TemporaryDirectory() as name:
         folders = [Path(folder) for folder in os.environ.get("RUN", f"{name}/run").split(":")]
         if "RUN" not in os.environ:
             run_suite(Path(__file__).with_name(f"{suite}.yaml"), folders[0])
         runs = [open_run(folder) for folder in folders]
-        frame = pd.concat([run.episodes(("policy", "task", "seed", "status")) for run in runs])
+        frame = pd.concat([run.episodes(EPISODE) for run in runs])
         plan = {policy.name: policy for policy in runs[0].document.suite.policies}
-        sizes = {name: kilobytes_per_task(policy.kind, policy.options) for name, policy in plan.items()}
-    rows = rows_of(frame, sizes)
-    write_episodes(suite, frame, ("policy", "task", "seed"))
-    table_of(rows, COLUMNS)
-    return rows
+        return frame, {name: kilobytes_per_task(policy.kind, policy.options) for name, policy in plan.items()}
 
 
-def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
-    """The rows again, from the kept episodes."""
-    return again("operators", rows)
+def named(way: str, bits: int) -> str:
+    """The policy of a way with few bits."""
+    return f"{way}-{bits}" if way == UNMERGED else f"{way}-{bits}-bits"
 
 
-def again(name: str, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
-    """Rows of a table of merges from its kept episodes; sizes are taken from the rows."""
-    return rows_of(episodes_of("merging", name), {row["policy"]: row["kilobytes"] for row in rows})
+def at(one: Mapping[str, Any], bits: int) -> dict[str, Any]:
+    """A policy of the suite with all that it stores at `bits` bits."""
+    options = {**one["options"], "recipe": {**one["options"]["recipe"], "bits": bits}}
+    return {"kind": one["kind"], "options": options}
 
 
-def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[str, object]]:
-    """Success with Wilson's interval and the share of the experts' success with a score interval, most bytes first.
+def flat(name: str) -> bool:
+    """Whether all entries of a row of the merged vector are alike, so that the row's scale is all of it."""
+    return name.startswith("flat")
+
+
+def rows_of(frame: pd.DataFrame, sizes: Mapping[str, float]) -> list[dict[str, Any]]:
+    """A row for each way: its share of the experts' success and kB per task, in its own types and with few bits.
 
     Args:
         frame: A row per episode: policy, task, seed, status.
-        kilobytes: Policy to its storage per task beside the base.
+        sizes: Policy to its storage per task beside the base.
     """
-    outcomes = frame["status"].map({"success": 1.0, "failure": 0.0})
-    table = frame.assign(success=outcomes).pivot_table("success", ["task", "seed"], "policy")
+    table = outcomes_of(frame)
     rows = []
-    for policy in sorted(kilobytes, key=lambda name: -kilobytes[name]):
-        own, experts = table[policy], table[EXPERTS]
-        tasks = own.groupby("task", sort=True)
-        interval = wilson_interval(int(own.sum()), int(own.count()))
-        ratio = paired_ratio(Pairs.from_outcomes(own.to_numpy(), experts.to_numpy()))
-        assert interval is not None
+    for way in (UNMERGED, *WAYS, JOINT):
+        names = {bits: named(way, bits) for bits in BITS if way != JOINT}
+        first = EXPERTS if way == UNMERGED else way
+        points = {name: point(table, name, sizes[name]) for name in (first, *names.values())}
+        row: dict[str, Any] = {"way": COPIES if way == UNMERGED else way, "points": points}
+        row["own"] = cell(points[first])
+        row |= {f"bits_{bits}": cell(points[names[bits]]) if bits in names else "" for bits in BITS}
+        rows.append(row)
+    return rows
+
+
+def outcomes_of(frame: pd.DataFrame) -> pd.DataFrame:
+    """Success, 1 or 0, by task and seed (rows) and policy (columns)."""
+    won = frame.assign(won=frame["status"].map({"success": 1.0, "failure": 0.0}))
+    return won.pivot_table("won", ["task", "seed"], "policy")
+
+
+def point(table: pd.DataFrame, policy: str, size: float) -> dict[str, Any]:
+    """Successes, episodes, share of the experts' success with its score interval, and kB per task."""
+    pairs = table[[policy, EXPERTS]].dropna() if policy != EXPERTS else table[[EXPERTS]].dropna()
+    own = table[policy].dropna()
+    found = {"kilobytes": size, "successes": int(own.sum()), "episodes": len(own), "kept": "100 %"}
+    if policy != EXPERTS:
+        ratio = paired_ratio(Pairs.from_outcomes(pairs[policy].to_numpy(), pairs[EXPERTS].to_numpy()))
         assert ratio is not None
-        rates = tasks.mean()
+        found["kept"] = percent(ratio.value, ratio.interval)
+    return found
+
+
+def cell(found: Mapping[str, Any]) -> str:
+    """A point as the table has it."""
+    return f"{found['kept']}, {found['kilobytes']:,.0f} kB"
+
+
+def parts_of(frame: pd.DataFrame, sizes: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Success with Wilson's interval, share of the experts' and weakest task of each policy, most bytes first."""
+    table = outcomes_of(frame)
+    rows = []
+    for policy in sorted(sizes, key=lambda name: -sizes[name]):
+        own = table[policy]
+        interval, rates = wilson_interval(int(own.sum()), int(own.count())), own.groupby("task", sort=True).mean()
         rows.append(
             {
                 "policy": policy,
-                "kilobytes": kilobytes[policy],
-                "successes": int(own.sum()),
-                "episodes": int(own.count()),
+                "kilobytes": sizes[policy],
                 "success": percent(own.mean(), interval),
-                "kept": "" if policy == EXPERTS else percent(ratio.value, ratio.interval),
+                "kept": "" if policy == EXPERTS else point(table, policy, sizes[policy])["kept"],
                 "weakest": f"{rates.idxmin()} {rates.min():.0%}".replace("%", " %"),
             }
         )
@@ -108,8 +170,11 @@ def percent(value: float, interval: Interval | None) -> str:
     return f"{100 * value:.0f} %{ends}"
 
 
-def kilobytes_per_task(kind: str, options: Mapping[str, Any]) -> float:
-    """Storage per task beside the base, as checkpoints store it, without routers (kB)."""
+def kilobytes_per_task(kind: str, options: Mapping[str, Any], rows_alike: bool = False) -> float:
+    """Storage per task beside the base, as checkpoints store it, without routers (kB).
+
+    With `rows_alike` the merged vectors are left out: the scales of their rows are all of them.
+    """
     from robogauntlet_mergevla.checkpoints.expert_checkpoint import read_tensors
     from robogauntlet_mergevla.checkpoints.merge_experts import merge_parts, read_experts
     from robogauntlet_mergevla.checkpoints.merged_checkpoint import tensors_of_parts
@@ -123,19 +188,23 @@ def kilobytes_per_task(kind: str, options: Mapping[str, Any]) -> float:
     folders = expert_folders(shipped("zoo:experts")).values()
     if kind == "mergevla-experts":
         return sum(kilobytes(read_tensors(folder / WEIGHTS)) for folder in folders) / len(folders)
-    parts = merge_parts(read_experts(folders), Recipe.from_json(options["recipe"]))
-    return kilobytes(tensors_of_parts(parts)) / len(folders)
+    stored = tensors_of_parts(merge_parts(read_experts(folders), Recipe.from_json(options["recipe"])))
+    vectors = ("tau/", "residual/tau/") if rows_alike else ()
+    kept_here = {name: tensor for name, tensor in stored.items() if not name.startswith(vectors) or "scales/" in name}
+    return kilobytes(kept_here if rows_alike else stored) / len(folders)
 
 
 def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Draw success with Wilson's intervals against storage per task."""
+    """Draw success with Wilson's intervals against storage per task, each way a line from its own types to 3 bits."""
     points = []
     for row in rows:
-        rate, ends = row["successes"] / row["episodes"], wilson_interval(row["successes"], row["episodes"])
-        assert ends is not None
-        name = row["policy"]
-        kind = KINDS.get(name.partition("-")[0], bytes_plot.MERGED)
-        points.append(Point(name, kind, row["kilobytes"], 100 * rate, (100 * ends.low, 100 * ends.high)))
-    (joint,) = (point.value for point in points if point.name == JOINT)
-    shown = [point for point in points if point.name != JOINT]
+        kind = bytes_plot.NOT_MERGED if row["way"] == COPIES else DRAWN.get(row["way"], bytes_plot.MERGED)
+        for place, found in enumerate(row["points"].values()):
+            ends = wilson_interval(found["successes"], found["episodes"])
+            assert ends is not None
+            rate, interval = 100 * found["successes"] / found["episodes"], (100 * ends.low, 100 * ends.high)
+            label = "" if place else row["way"]
+            points.append(Point(label, kind, found["kilobytes"], rate, interval, row["way"]))
+    (joint,) = (one.value for one in points if one.way == JOINT)
+    shown = [one for one in points if one.way != JOINT]
     bytes_plot.draw(shown, path, measure="success, %", joint=joint, top=101)

@@ -61,6 +61,7 @@ def test_a_seed_decides_on_which_side_the_hammer_lies():
 
 
 @pytest.mark.simulator
+@pytest.mark.nightly
 def test_the_oracle_hands_the_hammer_over():
     assert None not in steps_to_success(SIMULATOR, HANDOVER, [0])
 

@@ -200,6 +200,7 @@ def test_malformed_metadata_are_refused(merged, tmp_path, tasks, message):
         load_merged(tmp_path)
 
 
+@pytest.mark.nightly
 def test_an_expert_is_trained_on_several_tasks_and_merged_by_commands(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for start, task in enumerate(TASKS):

@@ -22,8 +22,12 @@ from tests.errors import one_line_error
     [
         "null/Reach",
         *(
-            pytest.param(task, marks=pytest.mark.simulator)
-            for task in ("pybullet/PandaReach-v3", "robosuite/Lift", "maniskill/PushCube-v1")
+            pytest.param(task, marks=[pytest.mark.simulator, *more])
+            for task, *more in (
+                ("pybullet/PandaReach-v3",),
+                ("robosuite/Lift", pytest.mark.nightly),
+                ("maniskill/PushCube-v1", pytest.mark.nightly),
+            )
         ),
     ],
 )
@@ -114,8 +118,12 @@ class Looking:
         ("null/Reach", "clean"),
         ("null/Reach", "noise@3"),
         *(
-            pytest.param("pybullet/PandaPush-v3", condition, marks=pytest.mark.simulator)
-            for condition in ("illuminance@4", "robot-start@2", "instruction@1")
+            pytest.param("pybullet/PandaPush-v3", condition, marks=[pytest.mark.simulator, *more])
+            for condition, *more in (
+                ("robot-start@2",),
+                ("illuminance@4", pytest.mark.nightly),
+                ("instruction@1", pytest.mark.nightly),
+            )
         ),
     ],
 )

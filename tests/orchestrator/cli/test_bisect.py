@@ -84,6 +84,7 @@ def test_the_first_worse_checkpoint_is_printed_and_the_same_line_plays_nothing_m
     assert "plans other episodes than when the run was begun" in other.refusal
 
 
+@pytest.mark.nightly
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_a_search_that_was_interrupted_goes_on_with_its_rows(run_command, tmp_path, steps, monkeypatch, whole):

@@ -150,6 +150,7 @@ class TestWithRay:
             assert opened(tmp_path, task).episodes == 3
         assert any("the worker process died" in line for line in quiet.messages)
 
+    @pytest.mark.nightly
     def test_a_hanging_worker_is_killed(self, tmp_path, monkeypatch):
         monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
         monkeypatch.setattr(demonstrate, "EPISODE_TIME_LIMIT_S", 10.0)
@@ -221,6 +222,7 @@ def test_bad_input_is_one_line_with_exit_code_2(run_command, arguments, expected
     assert run_command("new", "demonstrations", *arguments, "--out", "out").refusal.startswith(expected)
 
 
+@pytest.mark.nightly
 @pytest.mark.ray
 def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
     command = ["new", "demonstrations", "null/Slow", "--episodes", "400", "--out", "out", "--image-size", "16"]

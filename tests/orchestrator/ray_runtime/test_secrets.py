@@ -105,7 +105,7 @@ def test_the_variables_of_a_policy_are_shown_by_name_and_are_no_part_of_its_cont
 
 
 @pytest.mark.ray
-@pytest.mark.parametrize("inference", ["worker", "served"])
+@pytest.mark.parametrize("inference", ["worker", pytest.param("served", marks=pytest.mark.nightly)])
 def test_a_scheduled_run_and_its_workers_have_only_what_they_need(secrets, tmp_path, monkeypatch, inference):
     (tmp_path / "looking.py").write_text(POLICY)
     options = f"{{callable: 'looking:look', folder: {tmp_path}, variables: [SEEN, HF_TOKEN]}}"

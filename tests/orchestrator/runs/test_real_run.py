@@ -36,6 +36,7 @@ def test_both_policies_of_a_pair_start_from_the_same_state(undisturbed):
     assert all(len(hashes) == 1 for hashes in states.values())
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_the_death_of_worker_ray_and_scheduler_changes_no_row(tmp_path):
     (suite := tmp_path / "suite.yaml").write_text(

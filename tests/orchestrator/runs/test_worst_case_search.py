@@ -151,7 +151,7 @@ def test_a_folder_with_another_search_is_refused(searched, name, value):
 @pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_a_round_of_errors_alone_stops_the_search(tmp_path):
     with pytest.raises(SearchStopped, match="round-01: no episode was played; each ended in an error"):
-        play(tmp_path / "broken", policy=read_reference(f"python:{__name__}:Broken"), axes=("noise",))
+        play(tmp_path / "broken", policy=read_reference(f"python:{__name__}:Broken"), axes=("noise",), budget=40)
 
 
 @pytest.mark.parametrize("rule", SuccessRule)

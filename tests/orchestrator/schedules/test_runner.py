@@ -78,29 +78,29 @@ def quick(monkeypatch):
 
 
 @pytest.mark.ray
-def test_worse_runs_are_flagged_and_no_others(service, ray_here):
+def test_a_worse_run_is_flagged_and_the_first_is_not(service, ray_here):
     """In the second run another policy has the name."""
     import ray
 
     address = ray.get_runtime_context().gcs_address
     schedule = service.schedule(arguments=["--no-media", "--address", address])
     outcomes = []
-    for number in range(3):
+    for number in range(2):
         service.write("random" if number == 1 else "oracle")
         outcomes.append(service.runner.play(schedule))
         time.sleep(1.0)  # so that the next folder has another name
     entries = service.history.runs()[::-1]
-    assert [outcome.is_good for outcome in outcomes] == [True, False, True]
+    assert [outcome.is_good for outcome in outcomes] == [True, False]
     assert [outcome.run_id for outcome in outcomes] == [entry.run_id for entry in entries]
-    assert [entry.verdict for entry in entries] == [None, "regressed", "no evidence"]
-    assert [entry.counts.rate for entry in entries] == [1.0, 0.0, 1.0]
-    assert [entry.schedule for entry in entries] == ["nightly"] * 3
+    assert [entry.verdict for entry in entries] == [None, "regressed"]
+    assert [entry.counts.rate for entry in entries] == [1.0, 0.0]
+    assert [entry.schedule for entry in entries] == ["nightly"] * 2
     assert service.notified() == ["REGRESSED"]
     (message,) = service.sent
     assert message.run == entries[1].name
     assert "100 %" in message.lines[0]
     (stored,) = service.store.schedules()
-    assert (stored.outcome, stored.run_id) == (outcomes[2].text, entries[2].run_id)
+    assert (stored.outcome, stored.run_id) == (outcomes[1].text, entries[1].run_id)
 
 
 def test_a_server_runs_what_becomes_due_once_and_says_what_is_next(service, quick, monkeypatch):

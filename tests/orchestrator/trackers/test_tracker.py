@@ -116,6 +116,7 @@ def interrupt(rows):
     raise KeyboardInterrupt
 
 
+@pytest.mark.nightly
 @pytest.mark.ray
 def test_an_interrupted_run_ends_in_mlflow_and_is_continued_there_with_its_videos(tmp_path, monkeypatch, expected):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path / 'mlflow.db'}")

@@ -136,6 +136,7 @@ def test_an_unreachable_server_is_one_line_without_the_password():
     assert "secret" not in str(caught.value)
 
 
+@pytest.mark.nightly
 @pytest.mark.ray
 def test_a_whole_run_into_postgresql(server, tmp_path):
     suite = tmp_path / "suite.yaml"

@@ -112,6 +112,7 @@ def test_the_gripper_does_not_inflate_what_a_joint_changes():
 
 
 @pytest.mark.simulator
+@pytest.mark.nightly
 def test_each_joint_is_told_by_what_it_moves_in_the_simulation(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     text = POLICY.format(step="[0.1, 0, 0, 0, 0.1, 0]", scale=1.0)
