@@ -37,10 +37,7 @@ PAIR = ("pybullet/PandaPush-v3", "pybullet/PandaPickAndPlace-v3")
 FRAMES, MORE_FRAMES = range(1_000_000, 1_000_112), range(1_000_000, 1_001_400)
 """Training seeds whose first observations `more_frames` is fitted to; the second are those of `PAIR`."""
 SHIPPED, AVERAGED = "shipped", "TA+S, averaged trunk"
-SUBSPACES = (
-    *("projections=v", "projections=k", "projections=kv", "rank=1", "rank=64", "block=0", "block=1", "block=3"),
-    *("projections=k,block=3", "projections=kv,block=3"),
-)
+SUBSPACES = ("projections=v", "projections=k", "projections=kv")
 
 
 def measure() -> list[dict[str, object]]:
