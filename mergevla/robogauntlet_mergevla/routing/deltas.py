@@ -1,4 +1,4 @@
-"""What experts' weights say about an observation without any label: how much their deltas act on the base's inputs.
+"""What experts say about an observation without any label: by their weights, their actions, and the base's.
 
 Fine-tuning starts from a base. An expert's delta to it acts least where the base's layers receive what the expert was
 trained on, and more on the inputs of other tasks. (The opposite sign, by which adapters are routed to the inputs that
@@ -17,11 +17,14 @@ import torch
 from torch import Tensor, nn
 
 from robogauntlet.policies.contract import Routing
+from robogauntlet.suites.episode import content_hash
 from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet_mergevla.network.lora import BACKBONE
 from robogauntlet_mergevla.network.normalisation import padded
 from robogauntlet_mergevla.routing.contract import FirstObservation, RoutingError, answer, hidden_states
 
+NOISE = 0.05
+"""Standard deviation of the noise on images in [0, 1]."""
 SMALLEST = 1e-12
 """Lower bound of an energy, before its logarithm."""
 
@@ -82,21 +85,22 @@ def agreement(model: MergedModel, observations: Sequence[FirstObservation]) -> T
     Both are given an instruction that the expert was trained with, never the observation's: minus the L1 distance of
     the two normalised chunks over the sum of their L1 norms. Of an expert of several tasks, the best agreement counts.
     """
-    numbers = model.architecture.proprioception_dim
-    states = np.stack([padded(observation.proprioception, numbers) for observation in observations])
-    columns = []
-    for expert in model.experts:
-        statistics = model.parts.statistics
-        normalised = statistics.normalise_proprioception([expert] * len(states), states)
-        used = torch.from_numpy(statistics.is_used([expert], model.architecture.action_dim)[0])
-        by_task = []
-        for task in model.tasks[expert]:
-            asked = [replace(observation, instruction=model.instructions[task]) for observation in observations]
-            own, base = (_chunks(model, network, asked, normalised)[..., used] for network in (expert, None))
-            difference = (own - base).abs().mean(dim=(1, 2))
-            by_task.append(-difference / (own.abs() + base.abs()).mean(dim=(1, 2)).clamp(min=SMALLEST))
-        columns.append(torch.stack(by_task).amax(dim=0))
-    return torch.stack(columns, dim=1).cpu()
+    pairs = (
+        (_told(model, expert, expert, observations), _told(model, expert, None, observations))
+        for expert in model.experts
+    )
+    return torch.stack([_likeness(own, base) for own, base in pairs], dim=1).cpu()
+
+
+def stability(model: MergedModel, observations: Sequence[FirstObservation]) -> Tensor:
+    """How little each expert's actions change when noise is added to the images, shape (n, experts): from -1 to 0.
+
+    As `agreement`, of an expert's chunks with and without noise of standard deviation `NOISE`, which depends on the
+    episode alone. An expert is at home where its actions are stable.
+    """
+    varied = [replace(one, images=_noisy(one)) for one in observations]
+    pairs = ((_told(model, expert, expert, seen) for seen in (observations, varied)) for expert in model.experts)
+    return torch.stack([_likeness(*pair) for pair in pairs], dim=1).cpu()
 
 
 class DeltaEnergyRouter:
@@ -150,6 +154,30 @@ def _inputs(backbone: nn.Module, names: Mapping[str, Tensor]) -> Iterator[dict[s
     finally:
         for hook in hooks:
             hook.remove()
+
+
+def _told(model: MergedModel, expert: str, network: str | None, observations: Sequence[FirstObservation]) -> Tensor:
+    """Normalised chunks of a network told each instruction that an expert was trained with, (tasks, n, chunk, used)."""
+    numbers, statistics = model.architecture.proprioception_dim, model.parts.statistics
+    states = np.stack([padded(observation.proprioception, numbers) for observation in observations])
+    normalised = statistics.normalise_proprioception([expert] * len(states), states)
+    used = torch.from_numpy(statistics.is_used([expert], model.architecture.action_dim)[0])
+    told = (
+        [replace(one, instruction=model.instructions[task]) for one in observations] for task in model.tasks[expert]
+    )
+    return torch.stack([_chunks(model, network, asked, normalised)[..., used] for asked in told])
+
+
+def _noisy(observation: FirstObservation) -> Tensor:
+    generator = np.random.default_rng(int(content_hash({"noisy": observation.episode_id}), 16))
+    noise = generator.normal(scale=NOISE, size=tuple(observation.images.shape))
+    return (observation.images + torch.from_numpy(noise).to(observation.images)).clamp(0, 1)
+
+
+def _likeness(one: Tensor, other: Tensor) -> Tensor:
+    """Minus the L1 distance of chunks over the sum of their L1 norms, of the best task: (tasks, n, ...) to (n,)."""
+    norms = (one.abs() + other.abs()).mean(dim=(2, 3)).clamp(min=SMALLEST)
+    return (-(one - other).abs().mean(dim=(2, 3)) / norms).amax(dim=0)
 
 
 @torch.inference_mode()

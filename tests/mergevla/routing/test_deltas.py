@@ -9,7 +9,7 @@ import torch
 from robogauntlet_mergevla.network.model import build
 from robogauntlet_mergevla.network.tokenizer import tokenizer_for
 from robogauntlet_mergevla.routing.contract import RoutingError
-from robogauntlet_mergevla.routing.deltas import DeltaEnergyRouter, agreement, directions, energies
+from robogauntlet_mergevla.routing.deltas import DeltaEnergyRouter, agreement, directions, energies, stability
 from tests.mergevla.network.test_pretrained import LITTLE
 from tests.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observations
 
@@ -96,3 +96,13 @@ def test_agreement_is_full_for_an_expert_that_is_the_base_and_never_positive():
     assert (found[:, 1] == 0).all()
     assert ((found >= -1) & (found <= 0)).all()
     assert (found[:, 0] < 0).all()
+
+
+def test_stability_depends_on_the_episode_alone_and_is_never_positive(model):
+    batch = observations(4)
+    found = stability(model, batch)
+    assert found.shape == (4, len(EXPERTS))
+    assert ((found >= -1) & (found < 0)).all()
+    assert torch.allclose(found[1:2], stability(model, batch[1:2]), atol=1e-6)
+    other = [replace(one, episode_id=f"{one.episode_id}-other") for one in batch]
+    assert not torch.allclose(found, stability(model, other))

@@ -5,6 +5,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robogauntlet_mergevla.routing import self_training
 from robogauntlet_mergevla.routing.contract import RoutingError
 from robogauntlet_mergevla.routing.features import FeatureSpec
 from robogauntlet_mergevla.routing.self_training import fit_self_trained, self_labels, standardised
@@ -60,3 +61,17 @@ def test_the_tasks_of_the_observations_are_not_read(model):
 def test_fewer_observations_than_experts_are_refused(model):
     with pytest.raises(RoutingError, match="expected 3 first observations or more, got 2"):
         fit_self_trained(model, observations(2), observations(1), [SPEC])
+
+
+@pytest.mark.parametrize(("agreed", "asked"), [(-0.06, 0), (-0.21, 1)])
+def test_stability_is_asked_where_the_base_has_not_learned_the_tasks(model, monkeypatch, agreed, asked):
+    calls = []
+
+    def stable(model, batch):
+        calls.append(len(batch))
+        return torch.rand(len(batch), len(EXPERTS), generator=torch.Generator().manual_seed(0)) - 1
+
+    monkeypatch.setattr(self_training, "agreement", lambda model, batch: torch.full((len(batch), len(EXPERTS)), agreed))
+    monkeypatch.setattr(self_training, "stability", stable)
+    fit_self_trained(model, observations(12), observations(18)[12:], [SPEC])
+    assert calls == [12] * asked
