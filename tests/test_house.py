@@ -52,11 +52,11 @@ BUDGETS = {
     "orchestrator": 21_783,
     "adapters": 8_685,
     "policies": 6_416,
-    "mergevla": 9_004,
+    "mergevla": 9_387,
     "results": 14_071,
-    "suites": 2_792,
+    "suites": 2_793,
     "src/robogauntlet": 972,
-    "tests": 46_707,
+    "tests": 47_006,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

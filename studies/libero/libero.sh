@@ -58,4 +58,5 @@ control
 [ -e "$FOLDER/merged/card.json" ] ||
     "$ROBOGAUNTLET" mergevla merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --rounds 2 --no-weights \
         --demonstrations "$FOLDER"/demonstrations/goal --demonstrations "$FOLDER"/demonstrations/object \
-        --demonstrations "$FOLDER"/demonstrations/spatial --demonstrations "$FOLDER"/demonstrations/10
+        --demonstrations "$FOLDER"/demonstrations/spatial --demonstrations "$FOLDER"/demonstrations/10 \
+        --router calibrated --router nearest-centroid

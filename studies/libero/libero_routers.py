@@ -43,7 +43,7 @@ def measure() -> list[dict[str, object]]:
     caches = collect_first_observations(every, view, seeds, WRITTEN / "first_observations", print).by_task
     seen = [one for task in every for one in caches[task].observations(seeds)]
     ways: dict[str, tuple[str, Scores]] = {}
-    for name in ("calibrated", "nearest-centroid", "instruction-match", "delta-energy", "self-trained", "random"):
+    for name in ("calibrated", "nearest-centroid", "instruction-match", "delta-energy", "random"):
         ways[name] = SHIPPED, by_router(name, model, checkpoint.fitted)
     for title, merged in ((SHIPPED, model), (AVERAGED, averaged_merge(EXPERTS))):
         routers = paper_routers(merged, EXPERTS, OPTIONS)

@@ -21,7 +21,6 @@ from robogauntlet_mergevla.checkpoints.merged_checkpoint import save_merged
 from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet_mergevla.kinds import EXPERTS, KIND, MERGED
-from robogauntlet_mergevla.options import merged_options
 from robogauntlet_mergevla.policies.merged_policy import MergedPolicy
 from robogauntlet_mergevla.routing.catalog import FITTED, NAMES, fit_routers
 from robogauntlet_mergevla.routing.contract import FirstObservation
@@ -202,32 +201,6 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
     assert set(routing.scores) == set(TASKS)
     assert routing.choice in TASKS
     assert (routing.unknown is None) == (router not in FITTED)
-
-
-def test_an_expert_without_the_instruction_acts_as_if_told_that_of_the_inferred_task(merged):
-    hidden = {"checkpoint": str(merged), "router": "calibrated", "sees_instruction": False}
-    blind = {**hidden, "expert_sees_instruction": False}
-    instructions = MergedPolicy.of(merged_options(hidden))._model.instructions
-
-    def answers(options, asked, words):
-        told = [
-            replace(q, observation=replace(q.observation, instruction=w)) for q, w in zip(asked, words, strict=True)
-        ]
-        return MERGED.load(options).act(told)
-
-    asked = [of_task(seed) for seed in range(6)]
-    first = answers(blind, asked, ["sing a song"] * 6)
-    inferred = [instructions[decision.routing.choice] for decision in first]
-    for same in (answers(blind, asked, ["dance"] * 6), answers(hidden, asked, inferred)):
-        assert all(np.array_equal(a.actions, b.actions) for a, b in zip(first, same, strict=True))
-    heard = answers(hidden, asked, ["sing a song"] * 6)
-    assert not all(np.array_equal(a.actions, b.actions) for a, b in zip(first, heard, strict=True))
-
-
-def test_reading_the_instruction_is_part_of_the_policy_and_what_it_is_by_default(merged):
-    options = {"checkpoint": str(merged)}
-    read, hidden = ({**options, "expert_sees_instruction": sees} for sees in (True, False))
-    assert MERGED.digest(options) == MERGED.digest(read) != MERGED.digest(hidden)
 
 
 def test_options_of_a_router_are_part_of_the_policy(merged):
