@@ -53,14 +53,24 @@ OTHERS = (EXPERTS, JOINT, UNMERGED)
 WAYS = {one["name"]: one for one in SUITE["policies"] if one["name"].partition("-")[0] not in OTHERS}
 
 
+QUANTISED = (
+    *("signs-2", "signs-1", "flat-2", "flat-1", "ta-s", "ties-published-s", "tsv-s", "wudi-s", "emr"),
+    "ta-s-averaged-trunk",
+)
+"""Ways that are played with few bits, too."""
+
+
 def measure() -> list[dict[str, Any]]:
     """A row for each way; writes the episodes and the figure beside the rows."""
     own, sizes = played("operators")
     folder = Path(os.environ.get("QUANTISED", "runs/quantised"))
-    policies = {named(way, bits): at(one, bits) for way, one in WAYS.items() for bits in BITS}
-    frame = pd.concat([own, play_policies(folder, "quantised", policies, SUITE["tasks"], SEEDS, EPISODE)])
+    frames = [own]
+    for bits in BITS:
+        policies = {named(way, bits): at(WAYS[way], bits) for way in QUANTISED}
+        frames.append(play_policies(folder, f"{bits} bits", policies, SUITE["tasks"], SEEDS, EPISODE))
+        sizes |= {name: kilobytes_per_task(one["kind"], one["options"], flat(name)) for name, one in policies.items()}
+    frame = pd.concat(frames)
     write_episodes("operators", frame, ("policy", "task", "seed"))
-    sizes |= {name: kilobytes_per_task(one["kind"], one["options"], flat(name)) for name, one in policies.items()}
     sizes |= {way: kilobytes_per_task(one["kind"], one["options"], flat(way)) for way, one in WAYS.items()}
     rows = rows_of(frame, sizes)
     draw(rows, WRITTEN / "operators.svg")
@@ -112,7 +122,7 @@ def rows_of(frame: pd.DataFrame, sizes: Mapping[str, float]) -> list[dict[str, A
     table = outcomes_of(frame)
     rows = []
     for way in (UNMERGED, *WAYS, JOINT):
-        names = {bits: named(way, bits) for bits in BITS if way != JOINT}
+        names = {bits: named(way, bits) for bits in BITS if way in (UNMERGED, *QUANTISED)}
         first = EXPERTS if way == UNMERGED else way
         points = {name: point(table, name, sizes[name]) for name in (first, *names.values())}
         row: dict[str, Any] = {"way": COPIES if way == UNMERGED else way, "points": points}
