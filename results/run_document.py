@@ -18,6 +18,8 @@ STORE_FILE = "episodes.sqlite"
 FORMAT: Literal[1] = 1
 EVERYWHERE = ("robogauntlet", "ray", "numpy", "scipy", "torch")
 """Distributions that every run records beside its simulators'."""
+RESULTS_OF_OTHERS = "results-of-others"
+"""Kind of policies of which only the outcomes of trials are known, as other programs or people wrote them down."""
 MAX_COUNT = 2**53
 """Largest integer of a document: JSON, JavaScript and databases agree on all numbers up to it."""
 LONGEST_REASON = 4_000
@@ -234,6 +236,11 @@ class RunDocument(_Model):
         if (planned := sum(cell.planned for cell in plan)) > MAX_COUNT:
             raise ValueError(f"expected at most {MAX_COUNT} planned episodes, got {planned}")
         return plan
+
+    @property
+    def is_outcomes_only(self) -> bool:
+        """Whether nothing but outcomes is known, see `RESULTS_OF_OTHERS`."""
+        return any(policy.kind == RESULTS_OF_OTHERS for policy in self.suite.policies)
 
     @property
     def planned(self) -> int:

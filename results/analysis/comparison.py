@@ -194,7 +194,7 @@ def compare_runs(
                 overall=replace(strata[-1], simulator=None, task=None),
                 simulators=(),
                 tasks=tuple(one for one in strata if one.task is not None),
-                identical=int((own["actions_hash"] == own["actions_hash_before"]).sum()),
+                identical=same_actions(own),
                 errors=errors.get(name, (0, 0)),
                 unpaired=unpaired.get(name, (0, 0)),
                 behaviour=compare_behaviour(own, alpha),
@@ -269,6 +269,11 @@ def setting_differences(now: RunDocument, before: RunDocument, pairs: pd.DataFra
     if moved := int((pairs["state_hash"] != pairs["state_hash_before"]).sum()):
         found[Difference.WORLD] = f"another physical state at the start of {moved:,} of {counted(len(pairs), 'pair')}"
     return found
+
+
+def same_actions(pairs: pd.DataFrame) -> int:
+    """Pairs in which both sides executed the same actions; what rows of others do not say is not the same."""
+    return int(((pairs["actions_hash"] == pairs["actions_hash_before"]) & (pairs["actions_hash"] != "")).sum())
 
 
 def _other_settings(now: Suite, before: Suite) -> str:

@@ -15,10 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robogauntlet.results.analysis.unpaired import by_task as counts_by_task
+from robogauntlet.results.analysis.unpaired import states_known
 from robogauntlet.results.record import Status
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
+from robogauntlet.results.statistics.separate_trials import fisher
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +84,7 @@ def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[
         letters = dict.fromkeys(order, f"left out: more than {MOST_POLICIES} policies")
     else:
         pairs = list(combinations(order, 2))
-        p_values = holm(_p_values(clean, pairs)) if pairs else ()
+        p_values = holm(_p_values(clean, pairs, [one.rows for one in played])) if pairs else ()
         differ = {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p <= alpha}
         letters = compact_letters(order, differ)
     found = []
@@ -117,10 +120,20 @@ def _outcomes(rows: pd.DataFrame) -> pd.DataFrame:
     return clean.assign(won=clean["status"] == str(Status.SUCCESS))[["pair_id", "state_hash", "task", "won"]]
 
 
-def _p_values(outcomes: pd.DataFrame, pairs: Sequence[tuple[int, int]]) -> list[float]:
-    """McNemar's test of each pair of policies on the episodes of both from the same state; 1 if there are none."""
+def _p_values(outcomes: pd.DataFrame, pairs: Sequence[tuple[int, int]], rows: Sequence[pd.DataFrame]) -> list[float]:
+    """McNemar's test of each pair of policies on the episodes of both from the same state; 1 if there are none.
+
+    Where the start states of one of them are not known, Fisher's test of their separate trials, stratified by task.
+    """
     table = outcomes.pivot(index="place", columns=["pair_id", "state_hash"], values="won")
     won, lost = ((table == is_won).to_numpy(np.float64) for is_won in (True, False))
     # Episodes that the first solved and the second did not.
     better, place = (won @ lost.T).astype(int), table.index.get_indexer
-    return [mcnemar(Pairs(0, int(better[a, b]), int(better[b, a]), 0)) for a, b in map(place, pairs)]
+    known = [states_known(own) for own in rows]
+    clean = [own[(own["severity"] == 0) & own["task"].isin(set(outcomes["task"]))] for own in rows]
+    return [
+        mcnemar(Pairs(0, int(better[a, b]), int(better[b, a]), 0))
+        if known[one] and known[other]
+        else fisher(counts_by_task(clean[one], clean[other]).values())
+        for (one, other), (a, b) in zip(pairs, map(place, pairs), strict=True)
+    ]

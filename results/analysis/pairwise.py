@@ -22,6 +22,7 @@ from robogauntlet.results.analysis.comparison import (
     PolicyComparison,
     Run,
     Side,
+    same_actions,
     setting_differences,
 )
 from robogauntlet.results.analysis.contrasts import (
@@ -41,6 +42,8 @@ from robogauntlet.results.analysis.paired_behaviour import (
     compare_behaviour,
     outcome_changes,
 )
+from robogauntlet.results.analysis.unpaired import UnpairedComparison, compare_unpaired, states_known
+from robogauntlet.results.analysis.unpaired import adjusted as adjusted_unpaired
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunDocument, RunError, RunStatus
 from robogauntlet.results.statistics.multiplicity import ALPHA
@@ -98,6 +101,8 @@ class PolicyComparisons(Comparison):
     """Three or more policies without a baseline, with letters: those that share one do not differ significantly."""
     not_compared: tuple[str, ...] = ()
     """Pairs of policies that were not compared, with the reason."""
+    unpaired: tuple[UnpairedComparison, ...] = ()
+    """Those of policies whose start states are not known, which are in nothing above but `standings`."""
     is_adaptive: bool = False
     """Whether the number of pairs depends on outcomes, for which the p-values are not made."""
 
@@ -116,6 +121,10 @@ def compare_policies(
         NotComparable: They share no episode with a verdict of both, or their runs differ in what is not allowed.
         ValueError: alpha or margin outside (0, 1).
     """
+    if (separate := _unpaired(first, second, alpha)) is not None:
+        return PolicyComparisons(
+            alpha=alpha, margin=margin, baseline=None, policies=2, comparisons=(), unpaired=(separate,)
+        )
     found = _contrasted([_paired(first, second, alpha, allowed)], first.document, alpha, margin)
     adaptive = any(side.document.suite.adaptive is not None for side in (first, second))
     return PolicyComparisons(
@@ -139,13 +148,16 @@ def compare_all(
     if len(sides) < 2:
         raise RunError(f"{run.name}: expected two policies or more to compare, got {', '.join(sides) or 'none'}")
     baseline, pairs = _pairs(run.document, list(sides))
-    compared, unnamed = [], 0
+    compared, separate, unnamed = [], [], 0
     failed: list[str] = []
     every = baseline is not None or len(sides) <= ALL_PAIRS
     if not every and len(sides) > MOST_POLICIES:
         pairs = []
     verdicts = {} if every else {name: set(_with_verdict(side.rows)["pair_id"]) for name, side in sides.items()}
     for one, other in pairs:
+        if (apart := _unpaired(sides[one], sides[other], alpha)) is not None:
+            separate += [apart] if every else []
+            continue
         if not every and not verdicts[one].isdisjoint(verdicts[other]):
             continue  # The letters summarise it.
         if len(failed) >= MOST_NAMED and verdicts:
@@ -176,6 +188,7 @@ def compare_all(
         comparisons=_contrasted(compared, run.document, alpha, margin),
         standings=tuple(standings),
         not_compared=tuple(failed),
+        unpaired=adjusted_unpaired(separate),
         is_adaptive=run.document.suite.adaptive is not None,
     )
 
@@ -220,7 +233,7 @@ def _paired(first: PolicyRows, second: PolicyRows, alpha: float, allowed: Set[Di
         PolicyComparison,
         first=first.side,
         second=second.side,
-        identical=int((clean["actions_hash"] == clean["actions_hash_before"]).sum()),
+        identical=same_actions(clean),
         errors=(errors[0], errors[1]),
         unpaired=(len(sides[0]) - len(clean), len(sides[1]) - len(clean)),
         differences=differences | settings,
@@ -229,6 +242,13 @@ def _paired(first: PolicyRows, second: PolicyRows, alpha: float, allowed: Set[Di
     )
     behaviour = compare_behaviour(clean, alpha)
     return _Paired(complete, behaviour, clean[list(OUTCOMES)], perturbed[[*OUTCOMES, "axis", "severity"]])
+
+
+def _unpaired(first: PolicyRows, second: PolicyRows, alpha: float) -> UnpairedComparison | None:
+    """The comparison on separate trials, if start states of a side are not known and they have a common task."""
+    if states_known(first.rows) and states_known(second.rows):
+        return None
+    return compare_unpaired((first.side, first.rows), (second.side, second.rows), alpha)
 
 
 def _with_verdict(rows: pd.DataFrame) -> pd.DataFrame:

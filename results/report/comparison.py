@@ -201,4 +201,6 @@ def as_json(comparison: Comparison) -> str:
     elif isinstance(comparison, PolicyComparisons):
         for found, one in zip(plain["comparisons"], comparison.comparisons, strict=True):
             found |= {"headline": pairwise.headline(one), "sentences": pairwise.sentences(one, comparison)}
+        for found, apart in zip(plain["unpaired"], comparison.unpaired, strict=True):
+            found |= {"headline": pairwise.headline(apart), "sentences": pairwise.sentences(apart, comparison)}
     return json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n"

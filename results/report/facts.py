@@ -168,10 +168,8 @@ def provenance(document: RunDocument) -> list[tuple[str, str]]:
     facts = [
         ("run", document.run_id),
         ("suite", f"{document.suite.name} ({document.suite_path})"),
-        ("protocol", PROTOCOLS[document.suite.protocol]),
-        ("success", RULES[document.suite.success_rule]),
+        *([] if document.is_outcomes_only else _rules(document)),
         *([("tasks left out", first_of(document.tasks_left_out))] if document.tasks_left_out else []),
-        ("images", f"{document.suite.image_size} px, {document.suite.render_profile}"),
         ("suite hash", document.suite_hash),
         ("rows hash", document.rows_hash or "not computed"),
         *((f"policy {name}", digest) for name, digest in {c.policy: c.policy_digest for c in document.plan}.items()),
@@ -188,6 +186,15 @@ def provenance(document: RunDocument) -> list[tuple[str, str]]:
         ("Python", software.python),
     ]
     return [(name, value or "unknown") for name, value in facts]
+
+
+def _rules(document: RunDocument) -> list[tuple[str, str]]:
+    suite = document.suite
+    return [
+        ("protocol", PROTOCOLS[suite.protocol]),
+        ("success", RULES[suite.success_rule]),
+        ("images", f"{suite.image_size} px, {suite.render_profile}"),
+    ]
 
 
 def gaps(tables: Tables) -> tuple[NotRun, ...]:

@@ -9,7 +9,8 @@ from robogauntlet.results.analysis.comparison import PolicyComparison
 from robogauntlet.results.analysis.contrasts import Contrast
 from robogauntlet.results.analysis.leaderboard import MOST_POLICIES
 from robogauntlet.results.analysis.pairwise import ALL_PAIRS, PolicyComparisons
-from robogauntlet.results.report import formatting, paired_behaviour
+from robogauntlet.results.analysis.unpaired import UnpairedComparison
+from robogauntlet.results.report import formatting, paired_behaviour, unpaired
 from robogauntlet.results.report.blocks import Forest, ForestGroup, ForestRow
 from robogauntlet.results.report.facts import DEFINITIONS, PAIRWISE_TERMS
 from robogauntlet.results.report.formatting import (
@@ -28,7 +29,7 @@ from robogauntlet.results.statistics.pairs import POWER
 from robogauntlet.results.statistics.rates import rate
 
 BEGINS = (
-    rb"(### )?[^\n]+ against [^\n]+: [^\n]+ points, [^\n]+ pairs?\n"
+    rb"(### )?[^\n]+ against [^\n]+: [^\n]+ points, [^\n]+ (pairs?|trials)\n"
     rb"|(\| )?policy +(\| )?letters +(\| )?success"
     rb"|(\| )?(all tasks|against [^\n]+?) +(\| )?pairs +(\| )?first +(\| )?second"
     rb"|\{\n \"alpha\": [^\n]*\n \"baseline\": "
@@ -41,7 +42,7 @@ REACHES = (0.1, 0.25, 0.5, 1.0)
 """Possible ends of the axis of a forest plot, a difference of rates."""
 
 
-def names(one: PolicyComparison) -> tuple[str, str]:
+def names(one: PolicyComparison | UnpairedComparison) -> tuple[str, str]:
     """The policies, with their runs if these differ."""
     sides = (one.first, one.second)
     several = one.first.run != one.second.run
@@ -49,21 +50,25 @@ def names(one: PolicyComparison) -> tuple[str, str]:
     return first, second
 
 
-def title(one: PolicyComparison) -> str:
+def title(one: PolicyComparison | UnpairedComparison) -> str:
     """`merged against experts`."""
     return " against ".join(names(one))
 
 
-def headline(one: PolicyComparison) -> str:
+def headline(one: PolicyComparison | UnpairedComparison) -> str:
     """The result over all tasks in a line."""
+    if isinstance(one, UnpairedComparison):
+        return unpaired.headline(one, title(one))
     line = one.overall
     p = "p" if line.adjusted == line.p else "adjusted p"
     found = f"{difference(line.difference)}, {p} {p_value(line.adjusted)}"
     return f"{title(one)}: {found}, {counted(line.pairs.trials, 'pair')}"
 
 
-def sentences(one: PolicyComparison, comparisons: PolicyComparisons) -> list[str]:
+def sentences(one: PolicyComparison | UnpairedComparison, comparisons: PolicyComparisons) -> list[str]:
     """What the comparison shows, and what was left out."""
+    if isinstance(one, UnpairedComparison):
+        return list(unpaired.sentences(one, names(one), comparisons.alpha, comparisons.margin))
     moved = () if one.behaviour is None else paired_behaviour.sentences(one.behaviour, *names(one), comparisons.alpha)
     return [*_found(one, comparisons), *moved, *_left_out(one)]
 
@@ -136,6 +141,9 @@ def summary(comparisons: PolicyComparisons) -> list[str]:
 
 def method(comparisons: PolicyComparisons) -> str:
     """How the numbers were computed."""
+    apart = [unpaired.METHOD] if comparisons.unpaired else []
+    if apart and not comparisons.comparisons:
+        return apart[0]
     under = any(one.conditions for one in comparisons.comparisons)
     clean = (
         "Clean episodes, paired by task, seed and protocol. Difference: success rate of the first policy minus that of "
@@ -144,7 +152,7 @@ def method(comparisons: PolicyComparisons) -> str:
         f"and tasks in which enough pairs disagree for the test to reach {comparisons.alpha:g}."
     )
     used = [*(["perturbed pairs"] if under else []), *(["median difference"] if _moves(comparisons) else [])]
-    return " ".join([clean, *(DEFINITIONS[term] for term in used)])
+    return " ".join([clean, *(DEFINITIONS[term] for term in used), *apart])
 
 
 def _moves(comparisons: PolicyComparisons) -> bool:
@@ -165,8 +173,10 @@ def _lines(one: PolicyComparison) -> list[tuple[str, str, Contrast]]:
     return [*rows, ("", ALL, one.overall)]
 
 
-def table(one: PolicyComparison) -> TextTable:
+def table(one: PolicyComparison | UnpairedComparison) -> TextTable:
     """All tasks, simulators and tasks of a comparison."""
+    if isinstance(one, UnpairedComparison):
+        return unpaired.table(one, names(one))
     rows = []
     for simulator, name, line in _lines(one):
         label = f"{simulator}/{name}" if line.task is not None and simulator else name
@@ -307,4 +317,7 @@ def written(comparisons: PolicyComparisons, form: str) -> str:
         parts.append(f"{heading}{safe(headline(one))}{gap}{found}")
         parts += [draw(shown) for shown in (table(one), condition_table(one)) if shown]
         parts += [f"{title}:{gap}{draw(shown)}" for title, shown in behaviour_tables(one)]
+    for apart in comparisons.unpaired:
+        found = "\n".join(f"- {safe(sentence)}" for sentence in sentences(apart, comparisons))
+        parts += [f"{heading}{safe(headline(apart))}{gap}{found}", draw(table(apart))]
     return "\n\n".join([*parts, *map(safe, [*summary(comparisons), method(comparisons)])]) + "\n"

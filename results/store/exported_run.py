@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 import shutil
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -93,8 +93,28 @@ def import_run(
         StoreError: The rows cannot be written.
         OSError: The folder cannot be written.
     """
-    with exported_files(source) as files, arriving_folder(root) as arriving:
+    with exported_files(source) as files:
         document = _read_document(files[RUN_FILE], source)
+        with arriving_run(root, document, name, check) as (run, folder):
+            for file in files.values():
+                file.copy_to(run.parent if file.name == EPISODES_FILE else run)
+            write_run(run, document)
+            try:
+                store_rows(run, document, _copied(run.parent / EPISODES_FILE, document))
+            except NoEpisodes as error:
+                raise RunError(f"{source}: expected the rows of run {document.run_id}, {error}") from None
+    return folder, document
+
+
+@contextmanager
+def arriving_run(
+    root: Path, document: RunDocument, name: str | None, check: Callable[[RunDocument], None] | None
+) -> Iterator[tuple[Path, Path]]:
+    """A folder to fill with a run of others, and the place to which it is moved if the block succeeds.
+
+    Arguments and errors are those of `import_run`. The folder that the first is in is removed after the block.
+    """
+    with arriving_folder(root) as arriving:
         refuse_future(document)
         if check is not None:
             check(document)
@@ -103,15 +123,9 @@ def import_run(
             raise RunError(f"{folder}: expected a new folder, there is one already; name another with --out")
         run = arriving / "run"
         run.mkdir()
-        for file in files.values():
-            file.copy_to(arriving if file.name == EPISODES_FILE else run)
         write_run(run, document)
-        try:
-            _store_rows(arriving / EPISODES_FILE, document, run / STORE_FILE)
-        except NoEpisodes as error:
-            raise RunError(f"{source}: expected the rows of run {document.run_id}, {error}") from None
+        yield run, folder
         run.rename(folder)
-    return folder, document
 
 
 def _read_document(file: ExportedFile, source: Path) -> RunDocument:
@@ -124,23 +138,34 @@ def _read_document(file: ExportedFile, source: Path) -> RunDocument:
     return document.model_copy(update={"origin": "imported", "command": None, "arguments": None, "store_url": None})
 
 
-def _store_rows(file: Path, document: RunDocument, store_file: Path) -> None:
-    """Copy the rows of a file of others into a new store. Raises NoEpisodes, StoreError."""
-    with closing(Store.open_file(store_file, document.run_id)) as store:
+def store_rows(run: Path, document: RunDocument, batches: Iterable[Sequence[EpisodeResult]]) -> None:
+    """Write the rows of a run of others into a new store in its folder.
+
+    Raises:
+        NoEpisodes: An episode is there twice, or the rows have another hash than the document says.
+        StoreError: They cannot be written.
+    """
+    with closing(Store.open_file(run / STORE_FILE, document.run_id)) as store:
         history = History(store.database)
         history.record(document)
-        found = rows_hash(_copied(file, document, store))
+        found = rows_hash(_stored(batches, store))
         if document.rows_hash not in (None, found):
             raise NoEpisodes(f"these hash to {found}, not {document.rows_hash}: they were changed")
         history.record(document, counted=history.count_cells(document.run_id))
 
 
-def _copied(file: Path, document: RunDocument, store: Store) -> Iterator[tuple[Any, ...]]:
+def _stored(batches: Iterable[Sequence[EpisodeResult]], store: Store) -> Iterator[tuple[Any, ...]]:
+    for rows in batches:
+        if store.add(rows) != len(rows):
+            raise NoEpisodes("an episode is there twice")
+        yield from map(outcome_row, rows)
+
+
+def _copied(file: Path, document: RunDocument) -> Iterator[Sequence[EpisodeResult]]:
+    """The checked rows of a file of others. Raises NoEpisodes."""
     check = RowCheck(document)
     for values in read_rows(file, document, BATCH):
         rows = [EpisodeResult(**dict(zip(FIELDS, row, strict=True))) for row in values]
         if fault := next(filter(None, map(check.fault, rows)), None):
             raise NoEpisodes(f"a row is not one of this program: {fault}")
-        if store.add(rows) != len(rows):
-            raise NoEpisodes("an episode is there twice")
-        yield from map(outcome_row, rows)
+        yield rows

@@ -50,9 +50,10 @@ def _comparisons(report: Report) -> Iterator[str]:
     found = report.data.get("pairwise")
     if found is None:
         return
-    for one in found.comparisons[:MOST_COMPARISONS]:
+    every = (*found.comparisons, *found.unpaired)
+    for one in every[:MOST_COMPARISONS]:
         yield f"{compared.headline(one)}."
-    if (more := len(found.comparisons) - MOST_COMPARISONS) > 0:
+    if (more := len(every) - MOST_COMPARISONS) > 0:
         yield f"{counted(more, 'more comparison')} below."
 
 
@@ -102,7 +103,8 @@ def _warnings(report: Report) -> Iterator[str]:
 def _not_shown(report: Report) -> Iterator[str]:
     found = report.data.get("pairwise")
     if found is not None:
-        alike = [compared.title(one) for one in found.comparisons if one.overall.adjusted > found.alpha]
+        every = (*found.comparisons, *found.unpaired)
+        alike = [compared.title(one) for one in every if one.overall.adjusted > found.alpha]
         if alike:
             yield f"No difference is shown: {'; '.join(alike)}. That is not evidence of none."
     if report.data.get("robustness") is None and len(report.tables.conditions) < 2:

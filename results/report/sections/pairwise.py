@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from robogauntlet.results.analysis.comparison import PolicyComparison, Run
 from robogauntlet.results.analysis.pairwise import COLUMNS, PolicyComparisons, compare_all
 from robogauntlet.results.report import pairwise as words
+from robogauntlet.results.report import unpaired
 from robogauntlet.results.report.blocks import Block, Fold, Heading, Paragraph, Sentences, Table, Terms
 from robogauntlet.results.report.section import Section, Source
 from robogauntlet.results.run_document import RunDocument
@@ -36,6 +37,12 @@ def comparison_blocks(found: PolicyComparisons) -> Iterator[Block]:
         yield Table(words.overview_table(found), "Comparisons over all tasks")
         for one in found.comparisons:
             yield Fold(words.headline(one), tuple(_of_one(one, found)))
+    for apart in found.unpaired:
+        yield Heading(words.headline(apart))
+        yield Sentences(tuple(words.sentences(apart, found)))
+        yield Table(words.table(apart), f"{words.title(apart)}, task by task")
+    if found.unpaired:
+        yield Paragraph(unpaired.METHOD)
     yield Terms(dict(words.terms(found)))
 
 

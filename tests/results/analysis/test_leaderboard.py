@@ -53,7 +53,7 @@ def test_no_letter_is_redundant(drawn):
 
 def played(policy, outcomes, tasks=("null/Reach",), **changes):
     rows = [
-        {"pair_id": f"{task}-{seed}", "state_hash": "", "task": task, "status": outcome, "severity": 0, **changes}
+        {"pair_id": f"{task}-{seed}", "state_hash": "s", "task": task, "status": outcome, "severity": 0, **changes}
         for task in tasks
         for seed, outcome in enumerate(outcomes)
     ]
