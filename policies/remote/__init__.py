@@ -1,1 +1,1 @@
-"""Policies behind a policy server, queried over a websocket in openpi's protocol."""
+"""Policies behind a policy server, queried over a websocket: one file a protocol, the rest common."""

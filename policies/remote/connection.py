@@ -8,7 +8,8 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -55,15 +56,25 @@ class _DirectConnection(ClientConnection):
             raise
 
 
+@dataclass(frozen=True)
+class Opening:
+    """How the connections of a protocol begin."""
+
+    expected: str
+    """What the server sends first, for messages."""
+    accept: Callable[[Mapping[str, Any]], None]
+    """Called with what it sends first. Raises PolicyError for a server that is refused."""
+    hello: bytes | None = None
+    """What the client sends before."""
+
+
 class ServerConnection:
     """The connection of one process to one server."""
 
-    def __init__(self, options: ServerOptions) -> None:
-        self._options = options
+    def __init__(self, options: ServerOptions, opening: Opening) -> None:
+        self._options, self._opening = options, opening
         self._connection: ClientConnection | None = None
         self._exit_stack = contextlib.ExitStack()
-        self.metadata: Mapping[str, Any] = {}
-        """Metadata that the server sent on the last connection."""
         self.number = 0
         """Number of connections so far."""
 
@@ -71,14 +82,14 @@ class ServerConnection:
         """Connect if there is no connection yet. Raises PolicyError with the reason if that fails."""
         self._retry(self._connected, self._options.connect_timeout_s)
 
-    def ask(self, frame: Callable[[], bytes]) -> Mapping[str, Any]:
-        """Return the server's answer; after a lost connection, connect and ask again.
+    def ask(self, frames: Callable[[], Sequence[bytes]]) -> Mapping[str, Any]:
+        """Return the server's one answer to some frames; after a lost connection, connect and ask again.
 
-        `frame` builds the message once there is a connection, since it may depend on `metadata` and `number`. Raises
+        `frames` builds them once there is a connection, since they may depend on its metadata and `number`. Raises
         PolicyError if the answer is late or cannot be read.
         """
         return self._retry(
-            lambda deadline: self._exchange(self._connected(deadline), frame(), deadline), self._options.timeout_s
+            lambda deadline: self._exchange(self._connected(deadline), frames(), deadline), self._options.timeout_s
         )
 
     def close(self) -> None:
@@ -115,7 +126,7 @@ class ServerConnection:
             left = min(self._options.connect_timeout_s, max(0.0, deadline - time.monotonic()))
             try:
                 self._connection = self._connect(left)
-                self.metadata = self._greeting(self._connection, time.monotonic() + left)
+                self._greet(self._connection, time.monotonic() + left)
                 self.number += 1
             except BaseException:
                 self.close()
@@ -168,9 +179,11 @@ class ServerConnection:
             raise PolicyError(f"{self._server}: expected its token in the environment variable {variable}, got none")
         return {"Authorization": f"{self._options.token_scheme} {token}"}
 
-    def _greeting(self, connection: ClientConnection, deadline: float) -> Mapping[str, Any]:
-        expected = "expected metadata on connection, as openpi's servers send"
+    def _greet(self, connection: ClientConnection, deadline: float) -> None:
+        expected = f"expected {self._opening.expected}"
         try:
+            if self._opening.hello is not None:
+                connection.send(self._opening.hello)
             frame = connection.recv(timeout=max(0.0, deadline - time.monotonic()))
         except TimeoutError:
             if ended := _unreadable(getattr(connection.protocol, "close_sent", None)):
@@ -183,12 +196,13 @@ class ServerConnection:
         if len(frame) > MAX_GREETING_BYTES:
             limit = f"{MAX_GREETING_BYTES >> 20} MiB"
             raise PolicyError(f"{self._server}: {expected}, of at most {limit}, got {len(frame)} bytes")
-        return self._read(frame, expected)
+        self._opening.accept(self._read(frame, expected))
 
-    def _exchange(self, connection: ClientConnection, frame: bytes, deadline: float) -> Mapping[str, Any]:
+    def _exchange(self, connection: ClientConnection, frames: Sequence[bytes], deadline: float) -> Mapping[str, Any]:
         answered = False
         try:
-            connection.send(frame)
+            for frame in frames:
+                connection.send(frame)
             answer = connection.recv(timeout=max(0.0, deadline - time.monotonic()))
             message = self._read(answer, "expected an answer")
             answered = True

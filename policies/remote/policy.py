@@ -1,65 +1,67 @@
-"""The policy kind `openpi`. Light: the websocket client is imported on first use.
-
-The protocol is that of https://github.com/Physical-Intelligence/openpi (Apache 2.0): the server sends metadata on
-connection, then answers each observation with a chunk, both as msgpack; a text frame is an error.
-"""
+"""The policy kinds behind a server, one for each protocol. Light: the websocket client is imported on first use."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from robogauntlet.policies.contract import Contact, PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
-from robogauntlet.policies.remote.server_options import NAME, OPTIONS, read_options
+from robogauntlet.policies.remote.server_options import ServerOptions, options_of, read_options
 
 if TYPE_CHECKING:
-    from robogauntlet.policies.remote.remote_policy import RemotePolicy
+    from robogauntlet.policies.remote.openpi import OpenpiPolicy
 
 
-def _load(options: Mapping[str, Any]) -> RemotePolicy:
-    server_options = read_options(options)
-    try:
-        from robogauntlet.policies.remote.remote_policy import RemotePolicy
-    except ModuleNotFoundError as error:
-        raise PolicyNotInstalled(
-            f"policy '{NAME}': not installed (no module {error.name}); install it: pip install websockets msgpack"
-        ) from None
-    return RemotePolicy(server_options)
+def _openpi(options: ServerOptions) -> OpenpiPolicy:
+    from robogauntlet.policies.remote.openpi import OpenpiPolicy
+
+    return OpenpiPolicy(options)
 
 
-def _digest(options: Mapping[str, Any]) -> str:
-    with closing(_load(options)) as policy:
-        return policy.digest()
+def _kind(kind: type[ServerOptions], summary: str, connect: Callable[[ServerOptions], OpenpiPolicy]) -> PolicyKind:
+    name = kind.PROTOCOL
+
+    def load(options: Mapping[str, Any]) -> OpenpiPolicy:
+        server_options = read_options(options, kind)
+        try:
+            return connect(server_options)
+        except ModuleNotFoundError as error:
+            raise PolicyNotInstalled(
+                f"policy '{name}': not installed (no module {error.name}); install it: pip install websockets msgpack"
+            ) from None
+
+    def digest(options: Mapping[str, Any]) -> str:
+        with closing(load(options)) as policy:
+            return policy.digest()
+
+    def digest_by_identity(options: Mapping[str, Any]) -> str | None:
+        server_options = read_options(options, kind)
+        identity = server_options.identity
+        return None if identity is None else server_options.digest({"identity": identity})
+
+    def spec(options: Mapping[str, Any]) -> PolicySpec:
+        with closing(load(options)) as policy:
+            return policy.spec
+
+    def contact(options: Mapping[str, Any]) -> Contact:
+        with closing(load(options)) as policy:
+            return policy.contact(options)
+
+    def wishes(options: Mapping[str, Any]) -> Wishes:
+        return read_options(options, kind).wishes
+
+    return PolicyKind(
+        name=name,
+        summary=summary,
+        load=load,
+        digest=digest,
+        digest_without_start=digest_by_identity,
+        spec=spec,
+        wishes=wishes,
+        contact=contact,
+        options=options_of(kind),
+    )
 
 
-def _digest_by_identity(options: Mapping[str, Any]) -> str | None:
-    server_options = read_options(options)
-    return None if server_options.identity is None else server_options.digest({"identity": server_options.identity})
-
-
-def _spec(options: Mapping[str, Any]) -> PolicySpec:
-    with closing(_load(options)) as policy:
-        return policy.spec
-
-
-def _contact(options: Mapping[str, Any]) -> Contact:
-    with closing(_load(options)) as policy:
-        return policy.contact(options)
-
-
-def _wishes(options: Mapping[str, Any]) -> Wishes:
-    return read_options(options).wishes
-
-
-KIND = PolicyKind(
-    name=NAME,
-    summary="a policy behind a websocket, in openpi's protocol",
-    load=_load,
-    digest=_digest,
-    digest_without_start=_digest_by_identity,
-    spec=_spec,
-    wishes=_wishes,
-    contact=_contact,
-    options=OPTIONS,
-)
+KIND = _kind(ServerOptions, "a policy behind a websocket, in openpi's protocol", _openpi)

@@ -6,7 +6,7 @@ import math
 import re
 import reprlib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -20,7 +20,6 @@ from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.network import is_loopback
 from robogauntlet.support.secret_variables import POLICY_TOKEN
 
-NAME = "openpi"
 _TOKEN_VARIABLE = re.compile(rf"{POLICY_TOKEN}(_[A-Z0-9_]{{1,60}})?")
 CAMERA_KEYS = dict(zip(CAMERAS, ("observation/image", "observation/wrist_image"), strict=True))
 STATE_KEY, INSTRUCTION_KEY, ACTIONS_KEY = "observation/state", "prompt", "actions"
@@ -181,7 +180,10 @@ class Convention(BaseModel):
 
 
 class ServerOptions(Convention):
-    """The options of the kind `openpi`."""
+    """The options of a policy behind a server: those of the kind `openpi`."""
+
+    PROTOCOL: ClassVar[str] = "openpi"
+    """The kind, and the scheme of its addresses."""
 
     address: str
     """ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT; HOST:PORT alone means ws"""
@@ -207,7 +209,7 @@ class ServerOptions(Convention):
         scheme, separator, rest = value.partition("://")
         if not separator:
             scheme, rest = "ws", value
-        scheme = "ws" if scheme == NAME else scheme
+        scheme = "ws" if scheme == cls.PROTOCOL else scheme
         try:
             parts = urlsplit(f"{scheme}://{rest}")
             sound = scheme in ("ws", "wss") and bool(parts.hostname) and parts.port != 0 and parts.username is None
@@ -245,7 +247,7 @@ class ServerOptions(Convention):
 
     def digest(self, who: object) -> str:
         """Return the hash of the policy's content; `who`, plain values, identifies the policy behind the address."""
-        return content_hash({"policy": NAME, "card": self.declaration(), "who": who})
+        return content_hash({"policy": self.PROTOCOL, "card": self.declaration(), "who": who})
 
 
 _WHO = {"address", "identity", "expected_metadata"}
@@ -256,15 +258,17 @@ _ADDED_DEFAULTS = (
 )
 """Defaults of options that were added later: left out of the digest, so that older digests stay the same."""
 CONVENTION_OPTIONS = {name: field.description or "" for name, field in Convention.model_fields.items()}
-OPTIONS = {
-    name: field.description or "" for name, field in ServerOptions.model_fields.items() if name != "expected_metadata"
-}
-"""Option to its meaning."""
 
 
-def read_options(options: Mapping[str, Any]) -> ServerOptions:
+def options_of(kind: type[ServerOptions]) -> dict[str, str]:
+    """Return option to meaning."""
+    fields = kind.model_fields.items()
+    return {name: field.description or "" for name, field in fields if name != "expected_metadata"}
+
+
+def read_options(options: Mapping[str, Any], kind: type[ServerOptions] = ServerOptions) -> ServerOptions:
     """Read a suite's options. Raises PolicyError if one is missing or invalid."""
     try:
-        return ServerOptions.model_validate(dict(options)).resolved()
+        return kind.model_validate(dict(options)).resolved()
     except ValidationError as error:
-        raise PolicyError(f"policy '{NAME}': {first_fault(error)}") from None
+        raise PolicyError(f"policy '{kind.PROTOCOL}': {first_fault(error)}") from None
