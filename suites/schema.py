@@ -52,7 +52,7 @@ from robogauntlet.suites.registry import KnownTask, Registry
 from robogauntlet.suites.resources import Inference, Resources
 from robogauntlet.suites.yaml_file import Place
 
-SHORT_FORMS = {"openpi": "address", "python": "callable", "lerobot": "checkpoint"}
+SHORT_FORMS = {"openpi": "address", "vla-eval": "address", "python": "callable", "lerobot": "checkpoint"}
 """Kind of policy to the option that may follow it after a colon."""
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=MAX_NAME)]
 Names = Annotated[

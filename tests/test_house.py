@@ -51,12 +51,12 @@ LONGEST = 400
 BUDGETS = {
     "orchestrator": 21_842,
     "adapters": 8_685,
-    "policies": 6_416,
+    "policies": 6_847,
     "mergevla": 9_387,
     "results": 15_020,
     "suites": 2_793,
     "src/robogauntlet": 972,
-    "tests": 47_487,
+    "tests": 47_948,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

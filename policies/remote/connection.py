@@ -92,6 +92,12 @@ class ServerConnection:
             lambda deadline: self._exchange(self._connected(deadline), frames(), deadline), self._options.timeout_s
         )
 
+    def tell(self, frame: bytes) -> None:
+        """Send a frame that has no answer, if there is a connection."""
+        if self._connection is not None:
+            with contextlib.suppress(OSError, WebSocketException):  # the next question finds out
+                self._connection.send(frame)
+
     def close(self) -> None:
         """Close the connection. The next question connects again."""
         connection, self._connection = self._connection, None

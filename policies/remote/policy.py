@@ -7,10 +7,13 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from robogauntlet.policies.contract import Contact, PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
-from robogauntlet.policies.remote.server_options import ServerOptions, options_of, read_options
+from robogauntlet.policies.remote.server_options import ServerOptions, VlaEvalOptions, options_of, read_options
 
 if TYPE_CHECKING:
     from robogauntlet.policies.remote.openpi import OpenpiPolicy
+    from robogauntlet.policies.remote.vla_eval import VlaEvalPolicy
+
+    ServerPolicy = OpenpiPolicy | VlaEvalPolicy
 
 
 def _openpi(options: ServerOptions) -> OpenpiPolicy:
@@ -19,10 +22,16 @@ def _openpi(options: ServerOptions) -> OpenpiPolicy:
     return OpenpiPolicy(options)
 
 
-def _kind(kind: type[ServerOptions], summary: str, connect: Callable[[ServerOptions], OpenpiPolicy]) -> PolicyKind:
+def _vla_eval(options: ServerOptions) -> VlaEvalPolicy:
+    from robogauntlet.policies.remote.vla_eval import VlaEvalPolicy
+
+    return VlaEvalPolicy(options)
+
+
+def _kind(kind: type[ServerOptions], summary: str, connect: Callable[[ServerOptions], ServerPolicy]) -> PolicyKind:
     name = kind.PROTOCOL
 
-    def load(options: Mapping[str, Any]) -> OpenpiPolicy:
+    def load(options: Mapping[str, Any]) -> ServerPolicy:
         server_options = read_options(options, kind)
         try:
             return connect(server_options)
@@ -65,3 +74,4 @@ def _kind(kind: type[ServerOptions], summary: str, connect: Callable[[ServerOpti
 
 
 KIND = _kind(ServerOptions, "a policy behind a websocket, in openpi's protocol", _openpi)
+VLA_EVAL = _kind(VlaEvalOptions, "a policy behind a model server of vla-evaluation-harness", _vla_eval)

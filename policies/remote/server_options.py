@@ -250,6 +250,23 @@ class ServerOptions(Convention):
         return content_hash({"policy": self.PROTOCOL, "card": self.declaration(), "who": who})
 
 
+class VlaEvalOptions(ServerOptions):
+    """The options of the kind `vla-eval`. The server's specs say those that are not given, where they can."""
+
+    PROTOCOL: ClassVar[str] = "vla-eval"
+
+    address: str
+    """vla-eval://HOST:PORT, or ws:// or wss://"""
+    cameras: dict[str, Key] = Field(default=dict(zip(CAMERAS, ("agentview", "wrist"), strict=True)))
+    """camera to its name among the images; by default the wrist is sent if the server asks for it"""
+    proprioception: Key | None = "state"
+    """key of the eight numbers, or of joints and gripper; by default they are sent if the server asks for them"""
+    instruction: Key | None = "task_description"
+    """key of the goal in words; null to leave it out"""
+    execute: Annotated[int, Field(strict=True, ge=1, le=1)] | None = 1
+    """1: the server keeps the chunk, and is asked at each control step"""
+
+
 _WHO = {"address", "identity", "expected_metadata"}
 _TRANSPORT = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
 _ADDED_DEFAULTS = (

@@ -46,7 +46,7 @@ CONDITIONS = {
 }
 REFERENCES = {
     "randm": "got 'randm'; did you mean 'random'?",
-    "nowhere/checkpoint": "expected openpi://HOST:PORT, python:MODULE:NAME, lerobot:FOLDER, zoo:NAME",
+    "nowhere/checkpoint": "expected openpi://HOST:PORT, vla-eval://HOST:PORT, python:MODULE:NAME",
     "text": "expected openpi://HOST:PORT",
     "notes": "got 'notes', a folder without a checkpoint: no kind of policy knows what is in it",
     "http://127.0.0.1:1": "got 'http://127.0.0.1:1'; did you mean 'openpi://127.0.0.1:1'?",
@@ -59,6 +59,8 @@ REFERENCES = {
     "python:json:decoder:x": "expected python:MODULE:NAME, or option callable: MODULE:NAME, got 'json:decoder:x'",
     "python:../x:Policy": "expected python:MODULE:NAME, or option callable: MODULE:NAME, got '../x:Policy'",
     "openpi:": "got 'openpi:'; did you mean 'openpi'?",
+    "vla-eval://": "address: expected ws://HOST:PORT, got",
+    "vla-eval:openpi://host:1": "address: expected ws://HOST:PORT, got",
     "openpi://": "address: expected ws://HOST:PORT, got",
     "openpi://host:port": "address: expected ws://HOST:PORT, got",
     "openpi://host:99999": "address: expected ws://HOST:PORT, got",

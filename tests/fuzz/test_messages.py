@@ -17,10 +17,16 @@ from robogauntlet.policies.remote.protocol import (
     query_in,
     routing_in,
 )
-from robogauntlet.policies.remote.server_options import Convention
+from robogauntlet.policies.remote.server_options import Convention, VlaEvalOptions
+from robogauntlet.policies.remote.vla_eval_specs import fitted
 from tests.fuzz.damage import damaged_bytes, damaged_value, fuzzed, in_one_line
 from tests.fuzz.example_messages import ANSWER, POLICY, QUERY
 
+HELLO = {
+    "action_spec": {"position": {"dims": 3, "format": "delta_xyz"}, "gripper": {"dims": 1, "format": "raw"}},
+    "observation_spec": {"image": {"dims": 0, "format": "rgb_hwc_uint8"}, "state": {"dims": 0, "format": "raw"}},
+    "observation_params": {"send_wrist_image": True},
+}
 GREETING = as_metadata(greeting_of(POLICY, "0123456789abcdef"))
 MESSAGE = as_message(QUERY, ["an-episode"])
 CONVENTIONS = (
@@ -55,6 +61,12 @@ def test_a_damaged_message_of_a_server(damaged):
 @example(damaged=MESSAGE | {"robogauntlet/step": "a\nb"})
 def test_a_damaged_message_of_a_client(damaged):
     read_as_server(damaged)
+
+
+@fuzzed(damaged_value(HELLO))
+def test_damaged_specs_of_a_model_server(damaged):
+    options = VlaEvalOptions(address="a:1", convention="robogauntlet")
+    refusable(lambda: fitted(options, damaged if isinstance(damaged, dict) else {}))
 
 
 def read_as_client(content):

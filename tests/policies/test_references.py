@@ -14,6 +14,7 @@ from tests.errors import one_line_error
         ("oracle", "oracle", "oracle", {}),
         ("python:brain.arm:act", "python-brain.arm-act", "python", {"callable": "brain.arm:act"}),
         ("openpi://gpu:8000", "openpi-gpu-8000", "openpi", {"address": "openpi://gpu:8000"}),
+        ("vla-eval://gpu:8000", "vla-eval-gpu-8000", "vla-eval", {"address": "vla-eval://gpu:8000"}),
         ("lerobot:/data/act", "lerobot-data-act", "lerobot", {"checkpoint": "/data/act"}),
         ("zoo:merged", "zoo-merged", "mergevla-merged", {"checkpoint": "zoo:merged"}),
         ("zoo:experts", "zoo-experts", "mergevla-experts", {"folder": "zoo:experts"}),

@@ -1,0 +1,196 @@
+"""A policy behind a model server of vla-evaluation-harness.
+
+The protocol is that of https://github.com/allenai/vla-evaluation-harness (`vla_eval.protocol`, Apache 2.0), version 1:
+messages `{type, payload, seq, timestamp}` as msgpack. The client says hello, and the server answers with what it takes
+and gives; an episode starts without an answer; each observation is answered with one action, of the same `seq`. The
+server keeps the chunk of an episode, and a connection has one episode at a time.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robogauntlet.adapters.contract import ACTION_DIM, Image
+from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
+from robogauntlet.policies.remote.connection import MAX_ERROR_LENGTH, ServerConnection, packed
+from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, images_in
+from robogauntlet.policies.remote.msgpack_numpy import PackingError, array_of, pack
+from robogauntlet.policies.remote.remote_policy import ConnectionLost, RemotePolicy
+from robogauntlet.policies.remote.server_options import ServerOptions
+from robogauntlet.policies.remote.vla_eval_specs import fitted
+from robogauntlet.suites.episode import Episode
+from robogauntlet.support.errors import last_line
+from robogauntlet.support.text import visible
+
+VERSION = 1
+
+
+@dataclass
+class _Session:
+    """An episode on the server."""
+
+    connection: ServerConnection
+    number: int | None = None
+    """That of the connection on which the episode began; None before its first answer."""
+
+
+class VlaEvalPolicy(RemotePolicy):
+    """Asks a model server for one action at each control step. Deterministic if the server is."""
+
+    expected = "the HELLO of a model server of vla-evaluation-harness"
+    hello = pack(
+        {"type": "hello", "payload": {"harness_version": "", "protocol_version": VERSION}, "seq": 0, "timestamp": 0.0}
+    )
+
+    def __init__(self, options: ServerOptions) -> None:
+        """Connect, unless `options.identity` names the policy."""
+        self._fitted = options
+        """The options with what the server's specs say."""
+        self._sessions: dict[str, _Session] = {}
+        self._numbers = itertools.count(1)
+        super().__init__(options)
+        self._free = [self._connection]
+        """Connections without an episode."""
+        numbers = options.width if options.joints else ACTION_DIM
+        self.spec = PolicySpec(PolicyInput.OBSERVATION, 1, numbers, tuple(options.cameras))
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start these episodes; the server is told with their first query."""
+        self.finish(episodes)
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """Ask the server each query, over the connection of its episode.
+
+        Raises:
+            PolicyError: See `ServerConnection.ask`; or the answer does not fit the options.
+            ConnectionLost: The connection was lost within the episode, and with it the server's chunk.
+        """
+        return [self._decide(query) for query in queries]
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """End these episodes; their connections are used again."""
+        for episode in episodes:
+            if (session := self._sessions.pop(episode.id, None)) is not None:
+                if session.number == session.connection.number:
+                    session.connection.tell(self._frame("episode_end", {}, next(self._numbers)))
+                self._free.append(session.connection)
+
+    def images_sent(self, query: Query) -> Mapping[str, Image]:
+        """Return the images of a query as the server gets them, by its names of cameras."""
+        self._connection.connect()  # the specs say which are sent
+        return images_in(self._encoded(query))
+
+    def close(self) -> None:
+        """Close all connections."""
+        for connection in (*self._free, *(session.connection for session in self._sessions.values())):
+            connection.close()
+
+    def _who(self) -> dict[str, Any]:
+        return {**super()._who(), "address": self._options.address}  # the metadata name a class, not its weights
+
+    def _silence(self) -> str:
+        return "names no checkpoint"
+
+    def _read_metadata(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
+        if "type" not in message:
+            keys = visible(", ".join(sorted(map(str, message)))[:100]) or "nothing"
+            raise PolicyError(
+                f"{self._server}: expected {self.expected}, got a message of another protocol with {keys}; "
+                "the address of a server of openpi's begins with openpi://"
+            )
+        said = self._payload(message, "hello")
+        if type(version := said.get("protocol_version")) is not int or version != VERSION:
+            shown = visible(str(version))[:20]
+            raise PolicyError(f"{self._server}: expected a server of protocol version {VERSION}, got version {shown}")
+        try:
+            self._fitted = fitted(self._options, said)
+        except PolicyMismatch as error:
+            raise PolicyMismatch(f"{self._server}: {error}") from None
+        return said
+
+    def _decide(self, query: Query) -> Decision:
+        if query.step == 0:
+            self.finish([query.episode])
+        if query.episode.id not in self._sessions:
+            self._sessions[query.episode.id] = _Session(self._free.pop() if self._free else self._new_connection())
+        session, number = self._sessions[query.episode.id], next(self._numbers)
+        answer = session.connection.ask(lambda: self._frames(session, query, number))
+        try:
+            decision = self._decision(answer, number)
+        except PolicyError:
+            session.connection.close()  # more answers may follow
+            raise
+        session.number = session.connection.number
+        return decision
+
+    def _decision(self, answer: Mapping[str, Any], number: int) -> Decision:
+        action = self._payload(answer, "action")
+        try:
+            if answer.get("seq") != number:
+                raise PolicyMismatch("expected the answer to the query, got another; is inference continuous?")
+            return Decision(decode_chunk(self._fitted, self._chunk(action)))
+        except (PackingError, PolicyMismatch) as error:
+            raise PolicyMismatch(f"{self._server}: {error}") from None
+
+    def _frames(self, session: _Session, query: Query, number: int) -> list[bytes]:
+        encoded = self._encoded(query)
+        images = images_in(encoded)
+        rest = {key: value for key, value in encoded.items() if key not in images}
+        observed = self._frame("observation", {"images": images, **rest}, number)
+        if session.number == session.connection.number:
+            return [observed]
+        if session.number is not None:
+            raise ConnectionLost(f"{self._server} was lost during the episode")
+        assert query.observation is not None
+        task = {"name": query.observation.instruction, "suite": query.episode.task.partition("/")[0]}
+        return [self._frame("episode_start", {"task": task}, next(self._numbers)), observed]
+
+    def _encoded(self, query: Query) -> dict[str, Any]:
+        assert query.observation is not None
+        return encode_observation(self._fitted, query.observation, query.episode)
+
+    def _frame(self, kind: str, payload: Mapping[str, Any], number: int) -> bytes:
+        return packed({"type": kind, "payload": _sent(payload), "seq": number, "timestamp": time.time()})
+
+    def _payload(self, message: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
+        """Return the payload of a message of this kind. Raises PolicyError for another, or the server's error."""
+        payload, got = message.get("payload"), message.get("type")
+        if got == "error":
+            text = payload.get("error") if isinstance(payload, dict) else payload
+            shown = visible(last_line(str(text)[-10 * MAX_ERROR_LENGTH :]))[:MAX_ERROR_LENGTH]
+            raise PolicyError(f"{self._server}: expected an answer, got an error: {shown}")
+        if got != kind or not isinstance(payload, dict):
+            shown = visible(f"'{got}' with {type(payload).__name__}")[:MAX_ERROR_LENGTH]
+            raise PolicyError(f"{self._server}: expected a message '{kind}' with a mapping, got {shown}")
+        return payload
+
+    def _chunk(self, action: Mapping[str, Any]) -> dict[str, Any]:
+        """Return an action as a chunk of one, under the key of the options."""
+        key = self._fitted.actions
+        if key not in action and "action" not in action:
+            return dict(action)
+        value: Any = action.get(key, action.get("action"))
+        if isinstance(value, dict) and "__ndarray__" in value:
+            value = array_of(value.get("dtype"), value.get("shape"), value.get("data", b""))
+        if isinstance(value, np.ndarray):
+            many = value.ndim > 1
+        else:
+            many = isinstance(value, list) and any(isinstance(row, list) for row in value)
+        if many and len(value) > 1:
+            raise PolicyMismatch(
+                f"expected one action as '{key}', got {len(value)}; let the server keep the chunk: give it chunk_size"
+            )
+        return {key: value if many else [value]}
+
+
+def _sent(value: Any) -> Any:
+    """Return a payload with arrays as the protocol describes them, images without compression."""
+    if isinstance(value, np.ndarray):
+        return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": list(value.shape)}
+    return {key: _sent(item) for key, item in value.items()} if isinstance(value, Mapping) else value
