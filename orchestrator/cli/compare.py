@@ -241,6 +241,7 @@ def _accept(run: str | None, url: str | None) -> None:
 def _print_leaderboard(suite: str | None, alpha: float, form: Format, url: str | None, *, imported: bool) -> None:
     """Print the policies of a suite by their newest complete runs; tasks that only some have played do not count."""
     from robogauntlet.results.analysis.leaderboard import leaderboard
+    from robogauntlet.results.analysis.unpaired import states_known
     from robogauntlet.results.newest_results import latest_results_per_policy
     from robogauntlet.results.report.history_tables import leaderboard_table
 
@@ -264,7 +265,8 @@ def _print_leaderboard(suite: str | None, alpha: float, form: Format, url: str |
         print_json(rows)
         return
     out.print(rich_table(leaderboard_table(rows), title=f"{suite}, clean episodes"))
-    print_line(f"\nPolicies that share a letter do not differ significantly (McNemar, Holm, alpha {alpha:g}).")
+    test = "McNemar" if all(states_known(one.rows) for one in results) else "McNemar, or Fisher on separate trials"
+    print_line(f"\nPolicies that share a letter do not differ significantly ({test}, Holm, alpha {alpha:g}).")
 
 
 def _check_policies(folder: Path, document: RunDocument, policies: list[str]) -> None:

@@ -51,7 +51,7 @@ class Tally:
     success_once: float | None
     """Share of (successes + failures) in which the task's predicate was true after at least one step."""
     mean_steps: float | None
-    """Control steps per success or failure."""
+    """Control steps per success or failure; None if not known."""
     mean_seconds: float | None
     """Wall time per success or failure, without building, loading and waiting (s)."""
 
@@ -265,8 +265,8 @@ def _tally(line: dict[str, Any], verdicts: int, interval: Interval | None) -> Ta
         interval=interval,
         bounds=rate_bounds(successes, failures, gaps) if gaps else None,
         success_once=rate(int(line["once"]), int(verdicts)),
-        mean_steps=float(line["steps"] / verdicts) if verdicts else None,
-        mean_seconds=float(line["seconds"] / verdicts) if verdicts else None,
+        mean_steps=float(line["steps"] / verdicts) if verdicts and line["steps"] else None,
+        mean_seconds=float(line["seconds"] / verdicts) if verdicts and line["seconds"] else None,
     )
 
 

@@ -24,6 +24,8 @@ PHRASES = {
     FailureKind.TIMED_OUT: "came closer to the object, or to the goal, until time was up",
 }
 """What the robot did in failures of each kind."""
+SUCCESS_OF_OTHERS = "A trial that the file of others calls one; the others with a verdict are failures."
+"""Definition of success in a run of which only outcomes are known."""
 DEFINITIONS = {
     "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps (or for a "
     "single one, where the first lines say so) within the horizon; otherwise the episode is a failure. Success once "
@@ -87,7 +89,7 @@ DEFINITIONS = {
     "by Holm's method over all measures of all comparisons in which enough pairs differ for the test to reach 0.05. "
     "Where only one succeeded, nothing is compared.",
     "letters": "Policies that share a letter do not differ significantly (McNemar's exact test on the episodes of "
-    "both, adjusted by Holm's method).",
+    "both, or Fisher's on separate trials if start states are not known; adjusted by Holm's method).",
     "control": "A condition in which a policy that uses images and instruction should fail: remaining success does not "
     "depend on them. Lost: clean rate minus rate, on the same seeds.",
     "oracle gate": "A seed counts along an axis only if the oracle solves it under the clean condition and at every "

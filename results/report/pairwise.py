@@ -142,8 +142,8 @@ def summary(comparisons: PolicyComparisons) -> list[str]:
 def method(comparisons: PolicyComparisons) -> str:
     """How the numbers were computed."""
     apart = [unpaired.METHOD] if comparisons.unpaired else []
-    if apart and not comparisons.comparisons:
-        return apart[0]
+    if not comparisons.comparisons:
+        return "".join(apart)
     under = any(one.conditions for one in comparisons.comparisons)
     clean = (
         "Clean episodes, paired by task, seed and protocol. Difference: success rate of the first policy minus that of "
@@ -320,4 +320,4 @@ def written(comparisons: PolicyComparisons, form: str) -> str:
     for apart in comparisons.unpaired:
         found = "\n".join(f"- {safe(sentence)}" for sentence in sentences(apart, comparisons))
         parts += [f"{heading}{safe(headline(apart))}{gap}{found}", draw(table(apart))]
-    return "\n\n".join([*parts, *map(safe, [*summary(comparisons), method(comparisons)])]) + "\n"
+    return "\n\n".join([*parts, *map(safe, filter(None, [*summary(comparisons), method(comparisons)]))]) + "\n"

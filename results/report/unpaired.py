@@ -12,8 +12,7 @@ ALL = "all tasks"
 METHOD = (
     "Start states are not known, so that trials are not paired. Difference: success rate of the first policy minus "
     "that of the second in percentage points, with Newcombe's interval for separate trials. p: Fisher's exact test, "
-    "two-sided, over all tasks stratified by them; adjusted by Holm's method over all comparisons, and over all tasks. "
-    "It also gives the letters of these policies."
+    "two-sided, over all tasks stratified by them; adjusted by Holm's method over all comparisons, and over all tasks."
 )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from robogauntlet.results.analysis.tables import CellRow, Tables
 from robogauntlet.results.report.blocks import Block, Legend, Paragraph, RateGroup, RatePlot, Rates, Terms
-from robogauntlet.results.report.facts import DEFINITIONS
+from robogauntlet.results.report.facts import DEFINITIONS, SUCCESS_OF_OTHERS
 from robogauntlet.results.report.formatting import NOTHING, TextTable, aggregate_of, share, summary_table
 from robogauntlet.results.report.section import Page, Section
 from robogauntlet.suites.episode import Condition
@@ -21,7 +21,8 @@ def _rates(_: None, page: Page) -> Iterator[Block]:
     terms = ["success", "rate", "interval", "pooled"]
     terms += ["error"] if tables.total.errors else []
     terms += ["bounds"] if tables.total.errors or tables.total.missing else []
-    yield Terms({term: DEFINITIONS[term] for term in terms})
+    success = {"success": SUCCESS_OF_OTHERS} if page.report.document.is_outcomes_only else {}
+    yield Terms({term: DEFINITIONS[term] for term in terms} | success)
     rows = []
     for total in tables.by_policy:
         if total.condition == shown:

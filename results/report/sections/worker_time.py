@@ -13,7 +13,7 @@ from robogauntlet.results.report.section import Page, Section
 
 def _blocks(_: None, page: Page) -> Iterator[Block]:
     timing = page.report.tables.timing
-    if not timing:
+    if not any(line.total_s > 0 for line in timing):
         yield Paragraph("No times were measured.")
         return
     yield Terms({term: DEFINITIONS[term] for term in (*PHASES, "busy")})

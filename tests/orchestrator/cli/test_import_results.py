@@ -21,7 +21,7 @@ def test_a_table_of_trials_is_reported_listed_and_compared_and_never_played(run_
     assert run_command("compare", "runs/towels", "--out", "c.md", "--format", "text").code == 0  # replaces its own kind
     assert "fold towel" in run_command("report", "runs/towels").out
     assert "complete, imported" in run_command("list", "runs").out
-    assert "act" in run_command("compare", "--all", "trials", "--imported").out
+    assert "or Fisher on separate trials" in run_command("compare", "--all", "trials", "--imported").out
     for typed in ("resume runs/towels", "replay --verify runs/towels", "compare --accept towels"):
         run_command(*typed.split()).refusal  # noqa: B018
     assert "is not a baseline" in run_command("compare", "--gate", "runs/towels", "runs/towels").refusal
