@@ -57,6 +57,18 @@ def test_trials_are_compared_unpaired_and_the_comparison_says_so(make):
     assert "McNemar" not in text
 
 
+def test_what_is_left_out_and_tasks_played_unequally_often_are_named(make):
+    lines = [f"{policy},cup,{n},{n % 2}" for policy, count in (("a", 30), ("b", 10)) for n in range(count)]
+    lines += [*(f"{policy},pan,{n},1" for policy in "ab" for n in range(10)), *(f"b,pot,{n},0" for n in range(4))]
+    found = table("trial", *lines)
+    failed = replace(found.trials[0], success=None, error="timeout")
+    text = str(api.open_run(make(replace(found, trials=(failed, *found.trials[1:])))[0]).compare("a", "b"))
+    assert "Each has other shares of its trials in the tasks" in text
+    assert "Left out: 1 error of a, 0 of b." in text
+    assert "Left out, in tasks that the other did not play: 0 trials of a, 4 of b." in text
+    assert "Tasks with a difference after adjustment: 0 of 2." in text
+
+
 @pytest.mark.parametrize("column", ["seed", "state"])
 def test_trials_with_start_states_are_paired_also_with_those_of_another_import(make, column):
     folders = [make(both(column), name)[0] for name in ("one", "two")]
