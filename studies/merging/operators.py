@@ -26,7 +26,8 @@ from studies.tables import WRITTEN, episodes_of, write_episodes
 
 EXPERTS, JOINT, UNMERGED = "experts", "joint", "none"
 COPIES = "copies, not merged"
-BITS = (8, 4, 3)
+BITS, FEWEST = (8, 4, 3), 2
+"""Bits per entry of merges and copies, and of copies alone."""
 SEEDS = 20
 DRAWN = {
     "signs-2": bytes_plot.SHARED,
@@ -39,39 +40,25 @@ EPISODE = ("policy", "task", "seed", "status")
 COLUMNS = {
     "way": "{way}",
     "own types": "{own}",
-    **{f"{bits} bits": f"{{bits_{bits}}}" for bits in BITS},
-}
-PARTS = {
-    "way": "{policy}",
-    "kB per task": "{kilobytes:,.0f}",
-    "success": "{success}",
-    "of the experts'": "{kept}",
-    "weakest task": "{weakest}",
+    **{f"{bits} bits": f"{{bits_{bits}}}" for bits in (*BITS, FEWEST)},
 }
 SUITE = yaml.safe_load(Path(__file__).with_name("operators.yaml").read_text(encoding="utf-8"))
 OTHERS = (EXPERTS, JOINT, UNMERGED)
 WAYS = {one["name"]: one for one in SUITE["policies"] if one["name"].partition("-")[0] not in OTHERS}
-
-
-QUANTISED = (
-    *("signs-2", "signs-1", "flat-2", "flat-1", "ta-s", "ties-published-s", "tsv-s", "wudi-s", "emr"),
-    "ta-s-averaged-trunk",
-)
-"""Ways that are played with few bits, too."""
+"""Ways of merging, which are played with few bits, too."""
 
 
 def measure() -> list[dict[str, Any]]:
     """A row for each way; writes the episodes and the figure beside the rows."""
-    own, sizes = played("operators")
+    own, sizes = played()
     folder = Path(os.environ.get("QUANTISED", "runs/quantised"))
     frames = [own]
     for bits in BITS:
-        policies = {named(way, bits): at(WAYS[way], bits) for way in QUANTISED}
+        policies = {named(way, bits): at(WAYS[way], bits) for way in WAYS}
         frames.append(play_policies(folder, f"{bits} bits", policies, SUITE["tasks"], SEEDS, EPISODE))
         sizes |= {name: kilobytes_per_task(one["kind"], one["options"], flat(name)) for name, one in policies.items()}
     frame = pd.concat(frames)
     write_episodes("operators", frame, ("policy", "task", "seed"))
-    sizes |= {way: kilobytes_per_task(one["kind"], one["options"], flat(way)) for way, one in WAYS.items()}
     rows = rows_of(frame, sizes)
     draw(rows, WRITTEN / "operators.svg")
     table_of(rows, COLUMNS)
@@ -84,16 +71,16 @@ def counted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return rows_of(episodes_of("merging", "operators"), sizes)
 
 
-def played(suite: str) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Play a suite of merges, or read `RUN`: its episodes, and each policy's storage per task beside the base (kB)."""
+def played() -> tuple[pd.DataFrame, dict[str, float]]:
+    """Play the suite, or read `RUN`: its episodes, and each policy's storage per task beside the base (kB)."""
     with tempfile.TemporaryDirectory() as name:
         folders = [Path(folder) for folder in os.environ.get("RUN", f"{name}/run").split(":")]
         if "RUN" not in os.environ:
-            run_suite(Path(__file__).with_name(f"{suite}.yaml"), folders[0])
+            run_suite(Path(__file__).with_name("operators.yaml"), folders[0])
         runs = [open_run(folder) for folder in folders]
         frame = pd.concat([run.episodes(EPISODE) for run in runs])
         plan = {policy.name: policy for policy in runs[0].document.suite.policies}
-        return frame, {name: kilobytes_per_task(policy.kind, policy.options) for name, policy in plan.items()}
+        return frame, {name: kilobytes_per_task(one.kind, one.options, flat(name)) for name, one in plan.items()}
 
 
 def named(way: str, bits: int) -> str:
@@ -121,13 +108,14 @@ def rows_of(frame: pd.DataFrame, sizes: Mapping[str, float]) -> list[dict[str, A
     """
     table = outcomes_of(frame)
     rows = []
-    for way in (UNMERGED, *WAYS, JOINT):
-        names = {bits: named(way, bits) for bits in BITS if way in (UNMERGED, *QUANTISED)}
+    bits_of = {UNMERGED: (*BITS, FEWEST), **dict.fromkeys(WAYS, BITS), JOINT: ()}
+    for way, all_bits in bits_of.items():
+        names = {bits: named(way, bits) for bits in all_bits}
         first = EXPERTS if way == UNMERGED else way
         points = {name: point(table, name, sizes[name]) for name in (first, *names.values())}
         row: dict[str, Any] = {"way": COPIES if way == UNMERGED else way, "points": points}
         row["own"] = cell(points[first])
-        row |= {f"bits_{bits}": cell(points[names[bits]]) if bits in names else "" for bits in BITS}
+        row |= {f"bits_{bits}": cell(points[names[bits]]) if bits in names else "" for bits in (*BITS, FEWEST)}
         rows.append(row)
     return rows
 
@@ -153,25 +141,6 @@ def point(table: pd.DataFrame, policy: str, size: float) -> dict[str, Any]:
 def cell(found: Mapping[str, Any]) -> str:
     """A point as the table has it."""
     return f"{found['kept']}, {found['kilobytes']:,.0f} kB"
-
-
-def parts_of(frame: pd.DataFrame, sizes: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Success with Wilson's interval, share of the experts' and weakest task of each policy, most bytes first."""
-    table = outcomes_of(frame)
-    rows = []
-    for policy in sorted(sizes, key=lambda name: -sizes[name]):
-        own = table[policy]
-        interval, rates = wilson_interval(int(own.sum()), int(own.count())), own.groupby("task", sort=True).mean()
-        rows.append(
-            {
-                "policy": policy,
-                "kilobytes": sizes[policy],
-                "success": percent(own.mean(), interval),
-                "kept": "" if policy == EXPERTS else point(table, policy, sizes[policy])["kept"],
-                "weakest": f"{rates.idxmin()} {rates.min():.0%}".replace("%", " %"),
-            }
-        )
-    return rows
 
 
 def percent(value: float, interval: Interval | None) -> str:
