@@ -90,7 +90,7 @@ VERBS: Verbs = {
         ".export:export",
         "Write a run as a file or table, or send it to a tracker.",
     ),
-    "import": (".import_run:import_run", "Create a run folder from an exported run."),
+    "import": (".import_run:import_run", "Create a run folder from an exported run, or from result files of others."),
     "serve": (
         {
             "dashboard": (".serve.dashboard:serve", "Serve the dashboard."),

@@ -90,7 +90,7 @@ def test_a_worse_run_is_flagged_and_the_first_is_not(service, ray_here):
         outcomes.append(service.runner.play(schedule))
         time.sleep(1.0)  # so that the next folder has another name
     entries = service.history.runs()[::-1]
-    assert [outcome.is_good for outcome in outcomes] == [True, False]
+    assert [outcome.is_good for outcome in outcomes] == [True, False], [outcome.text for outcome in outcomes]
     assert [outcome.run_id for outcome in outcomes] == [entry.run_id for entry in entries]
     assert [entry.verdict for entry in entries] == [None, "regressed"]
     assert [entry.counts.rate for entry in entries] == [1.0, 0.0]
