@@ -14,7 +14,10 @@ from robogauntlet.suites.episode import CONTROLS
 from robogauntlet.suites.selection import SuiteSelection
 from tests.orchestrator.runs.playing import play, rows_of
 
-pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.slow, pytest.mark.usefixtures("ray_here")]
+pytestmark = [
+    *(pytest.mark.ray, pytest.mark.simulator, pytest.mark.slow, pytest.mark.nightly),
+    pytest.mark.usefixtures("ray_here"),
+]
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
 SEEN = ("camera-orbit", "illuminance", "object-position")
 """Axes of the suite that change the first observation."""
@@ -26,7 +29,7 @@ LEFT_OUT = """  - {axis: distractors, severities: [4]}
 """Conditions of the suite that are played as the others are; `perturbations/test_real.py` sees each delivered."""
 
 
-@pytest.fixture(scope="module", params=[TASKS[1:2], pytest.param(TASKS, marks=pytest.mark.nightly)], ids=len)
+@pytest.fixture(scope="module", params=[TASKS], ids=len)
 def tasks(request):
     return request.param
 
