@@ -52,7 +52,7 @@ BUDGETS = {
     "orchestrator": 21_844,
     "adapters": 8_685,
     "policies": 6_847,
-    "mergevla": 9_387,
+    "mergevla": 9_389,
     "results": 15_022,
     "suites": 2_793,
     "src/robogauntlet": 972,

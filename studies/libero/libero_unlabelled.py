@@ -90,14 +90,16 @@ def kinds() -> dict[str, Evidence]:
     """Kinds of evidence, each higher for the likelier expert, shape (n, experts)."""
     import torch
 
-    from robogauntlet_mergevla.routing.deltas import _told, agreement, directions, energies, stability
+    from robogauntlet_mergevla.routing.deltas import agreement, directions, energies, stability, told_chunks
     from robogauntlet_mergevla.routing.self_training import RANK
 
     def energy(model: MergedModel, seen: Sequence[FirstObservation]) -> Tensor:
         return -energies(model, directions(model, RANK), seen, sees_instruction=False).sum(dim=1)
 
     def spread(model: MergedModel, seen: Sequence[FirstObservation]) -> Tensor:
-        return torch.stack([_told(model, one, one, seen).std(dim=0).mean(dim=(1, 2)) for one in model.experts], dim=1)
+        return torch.stack(
+            [told_chunks(model, one, one, seen).std(dim=0).mean(dim=(1, 2)) for one in model.experts], dim=1
+        )
 
     def words(model: MergedModel, seen: Sequence[FirstObservation]) -> Tensor:
         def alike(one: str, other: str) -> float:
