@@ -90,7 +90,7 @@ def kinds() -> dict[str, Evidence]:
     """Kinds of evidence, each higher for the likelier expert, shape (n, experts)."""
     import torch
 
-    from robogauntlet_mergevla.routing.deltas import agreement, directions, energies, stability, told_chunks
+    from robogauntlet_mergevla.routing.deltas import agreement, chunks_told, directions, energies, stability
     from robogauntlet_mergevla.routing.self_training import RANK
 
     def energy(model: MergedModel, seen: Sequence[FirstObservation]) -> Tensor:
@@ -98,7 +98,7 @@ def kinds() -> dict[str, Evidence]:
 
     def spread(model: MergedModel, seen: Sequence[FirstObservation]) -> Tensor:
         return torch.stack(
-            [told_chunks(model, one, one, seen).std(dim=0).mean(dim=(1, 2)) for one in model.experts], dim=1
+            [chunks_told(model, one, one, seen).std(dim=0).mean(dim=(1, 2)) for one in model.experts], dim=1
         )
 
     def words(model: MergedModel, seen: Sequence[FirstObservation]) -> Tensor:

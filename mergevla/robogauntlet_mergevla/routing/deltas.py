@@ -86,7 +86,7 @@ def agreement(model: MergedModel, observations: Sequence[FirstObservation]) -> T
     the two normalised chunks over the sum of their L1 norms. Of an expert of several tasks, the best agreement counts.
     """
     pairs = (
-        (told_chunks(model, expert, expert, observations), told_chunks(model, expert, None, observations))
+        (chunks_told(model, expert, expert, observations), chunks_told(model, expert, None, observations))
         for expert in model.experts
     )
     return torch.stack([_likeness(own, base) for own, base in pairs], dim=1).cpu()
@@ -99,7 +99,7 @@ def stability(model: MergedModel, observations: Sequence[FirstObservation]) -> T
     episode alone. An expert is at home where its actions are stable.
     """
     varied = [replace(one, images=_noisy(one)) for one in observations]
-    pairs = ((told_chunks(model, expert, expert, seen) for seen in (observations, varied)) for expert in model.experts)
+    pairs = ((chunks_told(model, expert, expert, seen) for seen in (observations, varied)) for expert in model.experts)
     return torch.stack([_likeness(*pair) for pair in pairs], dim=1).cpu()
 
 
@@ -156,7 +156,7 @@ def _inputs(backbone: nn.Module, names: Mapping[str, Tensor]) -> Iterator[dict[s
             hook.remove()
 
 
-def told_chunks(
+def chunks_told(
     model: MergedModel, expert: str, network: str | None, observations: Sequence[FirstObservation]
 ) -> Tensor:
     """Normalised chunks of a network told each instruction that an expert was trained with, (tasks, n, chunk, used)."""
