@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 21_844,
+    "orchestrator": 21_872,
     "adapters": 8_685,
     "policies": 6_847,
     "mergevla": 9_389,
     "results": 15_022,
     "suites": 2_793,
     "src/robogauntlet": 972,
-    "tests": 47_975,
+    "tests": 48_011,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

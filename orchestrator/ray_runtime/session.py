@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import secrets
 import signal
+import sys
+import tempfile
 import threading
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -70,6 +73,9 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         RayLost: Ray could not be started on this machine.
     """
     global _head, _folder
+    if _has_ray():  # whose variables its further processes need
+        yield
+        return
     environment = _LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT
     with contextlib.ExitStack() as stack:
         stack.enter_context(_environment(environment))
@@ -77,9 +83,6 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         stack.enter_context(_on_loopback(address is None))
         import ray
 
-        if ray.is_initialized():
-            yield
-            return
         stack.enter_context(_silence())
         if address is not None:
             check_address(address)
@@ -102,6 +105,12 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
             finally:
                 if folder is not None:
                     folder.remove(logs=not has_died)
+
+
+def _has_ray() -> bool:
+    """Whether this process has started Ray or joined a cluster."""
+    ray = sys.modules.get("ray")
+    return ray is not None and ray.is_initialized()
 
 
 def import_ray() -> None:
@@ -147,6 +156,8 @@ def _start(address: str | None, workers: int) -> None:
 
     logging.getLogger("ray").setLevel(logging.ERROR)
     on_terminate = signal.getsignal(signal.SIGTERM)
+    with contextlib.suppress(OSError, RuntimeError):  # no home: Ray says so itself
+        keep_token(Path.home() / ".ray")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     options |= {"job_config": job_without_folders()}
     if address is None:
@@ -170,8 +181,25 @@ def _start(address: str | None, workers: int) -> None:
         raise RayLost(f"Ray did not start: {first_line(error)}") from error
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # if this version of Ray set its own
-    with contextlib.suppress(OSError, RuntimeError):
-        (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
+
+
+def keep_token(folder: Path) -> None:
+    """Make this user's token for Ray, for its owner only, unless there is one.
+
+    Ray itself writes it in place, readable for all: of two that start at once on a new machine, one would go on with a
+    token that its further processes do not find.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    token = folder / "auth_token"
+    with tempfile.NamedTemporaryFile("w", dir=folder) as new:  # with mode 0600
+        new.write(secrets.token_hex(32))
+        new.flush()
+        with contextlib.suppress(FileExistsError):
+            os.link(new.name, token)
+    token.chmod(0o600)
 
 
 def _new_folder() -> SessionFolder:

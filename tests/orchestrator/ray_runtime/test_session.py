@@ -1,8 +1,11 @@
 """How many workers fit a Ray, and who can reach it."""
 
 import json
+import os
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -11,6 +14,8 @@ from robogauntlet.orchestrator.ray_runtime.private_names import private, replace
 from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
     free_resources,
+    keep_token,
+    ray_session,
     room_for_workers,
     workers_that_fit,
 )
@@ -122,3 +127,34 @@ def test_a_ray_that_does_not_start_is_lost_and_leaves_no_process():
 @pytest.mark.ray
 def test_the_token_of_ray_is_for_its_owner_only(ray_here):
     assert (Path.home() / ".ray" / "auth_token").stat().st_mode & 0o077 == 0
+
+
+def test_sessions_that_start_at_once_on_a_new_machine_have_one_token(tmp_path):
+    folder, together = tmp_path / "new" / ".ray", threading.Barrier(8)
+
+    def token(_):
+        together.wait()
+        keep_token(folder)
+        return (folder / "auth_token").read_text()
+
+    with ThreadPoolExecutor(8) as threads:
+        tokens = set(threads.map(token, range(8)))
+    assert len(tokens) == 1
+    assert [path.name for path in folder.iterdir()] == ["auth_token"]
+    assert (folder / "auth_token").stat().st_mode & 0o077 == 0
+
+
+def test_a_token_that_is_there_is_kept_for_its_owner_only(tmp_path):
+    (tmp_path / "auth_token").write_text("mine")
+    (tmp_path / "auth_token").chmod(0o644)
+    keep_token(tmp_path)
+    assert (tmp_path / "auth_token").read_text() == "mine"
+    assert (tmp_path / "auth_token").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.ray
+def test_a_session_in_another_leaves_the_variables_by_which_processes_join(ray_here):
+    before = dict(os.environ)
+    with ray_session(address=None, workers=1):
+        assert dict(os.environ) == before
+    assert before["RAY_AUTH_MODE"] == "token"
