@@ -149,8 +149,10 @@ def percent(value: float, interval: Interval | None) -> str:
     return f"{100 * value:.0f} %{ends}"
 
 
-def kilobytes_per_task(kind: str, options: Mapping[str, Any], rows_alike: bool = False) -> float:
-    """Storage per task beside the base, as checkpoints store it, without routers (kB).
+def kilobytes_per_task(
+    kind: str, options: Mapping[str, Any], rows_alike: bool = False, experts: str = "zoo:experts"
+) -> float:
+    """Storage per expert beside the base, as checkpoints store it, without routers (kB).
 
     With `rows_alike` the merged vectors are left out: the scales of their rows are all of them.
     """
@@ -164,7 +166,7 @@ def kilobytes_per_task(kind: str, options: Mapping[str, Any], rows_alike: bool =
 
     if kind == "mergevla":
         return 0.0
-    folders = expert_folders(shipped("zoo:experts")).values()
+    folders = sorted(set(expert_folders(shipped(experts)).values()))
     if kind == "mergevla-experts":
         return sum(kilobytes(read_tensors(folder / WEIGHTS)) for folder in folders) / len(folders)
     stored = tensors_of_parts(merge_parts(read_experts(folders), Recipe.from_json(options["recipe"])))

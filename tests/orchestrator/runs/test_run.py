@@ -99,6 +99,7 @@ def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path):
     assert outcome.document.rows_hash == read_run(undisturbed.folder).rows_hash
 
 
+@pytest.mark.nightly
 def test_the_elapsed_time_of_a_killed_session_is_kept(run, suite, monkeypatch):
     class Killed(BaseException):
         """Not caught by the run, which therefore cannot finish."""

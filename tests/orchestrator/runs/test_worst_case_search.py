@@ -147,6 +147,7 @@ def test_a_folder_with_another_search_is_refused(searched, name, value):
         play(searched[0], **{name: value})
 
 
+@pytest.mark.nightly
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here", "room_for_one")
 def test_a_round_of_errors_alone_stops_the_search(tmp_path):
