@@ -107,11 +107,8 @@ def play_policies(
     columns: Sequence[str],
     conditions: Sequence[str] = ("clean",),
     first: int = 0,
-    horizon: int | None = None,
 ) -> pd.DataFrame:
     """Play policies (name to kind and options) on seeds of tasks from `first` on, or what the folder lacks of it.
-
-    Episodes end after `horizon` steps, or by default after each task's own.
 
     Returns:
         A row per episode with these columns.
@@ -124,7 +121,6 @@ def play_policies(
         "image_size": 96,
         "render_profile": "fast-2",
         "conditions": list(conditions),
-        **({"horizon": horizon} if horizon else {}),
     }
     suite, run = folder / "suites" / f"{name}.yaml", folder / "played" / name
     suite.parent.mkdir(parents=True, exist_ok=True)

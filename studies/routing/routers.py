@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.suites.episode import View
-from studies.routing.unknown_scenes import INSTRUCTIONS, open_scene
+from studies.routing.unknown_scenes import SCENES, open_scene
 from studies.shared import EXPERT_VIEW, open_task, table_of
 from studies.tables import WRITTEN
 
@@ -280,7 +280,7 @@ def observed(tasks: Sequence[str], view: View, seeds: Sequence[int] = SEEDS) -> 
     for task in tasks:
         path = file_of(folder, task)
         if not path.exists() or not load_observations(path).covers(view, seeds):
-            simulation = open_scene(task, view) if task in INSTRUCTIONS else open_task(task, view)
+            simulation = open_scene(task, view) if task in SCENES else open_task(task, view)
             images = []
             for seed in seeds:
                 simulation.reset(seed)

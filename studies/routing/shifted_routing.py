@@ -1,16 +1,13 @@
 """Accuracy of routers on first observations with sentences, light and cameras that no choice has looked at.
 
-No episode is played. Routers are fitted to the demonstrations, the calibrated one in four ways, as the shipped one
-last. A row has its decisions, as the experts' numbers in the order of their names, in the order of tasks, seeds and
-sentences. `DEMONSTRATIONS=FOLDER python -m studies routing --measure shifted_routing`
+No episode is played. A row has its decisions, as the experts' numbers in the order of their names, in the order of
+tasks, seeds and sentences. `python -m studies routing --measure shifted_routing`
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,15 +17,12 @@ from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.results.statistics.rates import clustered_rate
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.episode import Perturbation as At
-from studies.routing.routers import by_router, first_of_demonstrations, interval
-from studies.shared import EXPERT_VIEW, FITTED_ROUTERS, open_task, table_of
+from studies.routing.routers import by_router, interval
+from studies.shared import EXPERT_VIEW, open_task, table_of
 
 if TYPE_CHECKING:
     from robogauntlet.adapters.contract import Observation
-    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
     from robogauntlet_mergevla.routing.contract import FirstObservation
-    from robogauntlet_mergevla.routing.demonstrations import RouterTrainingSet
-    from robogauntlet_mergevla.routing.features import FeatureSpec
 
 SEEDS = range(20)
 SENTENCES = {
@@ -98,8 +92,8 @@ SHIFTS = {
     "all three": (Condition.of(*LIGHT, *CAMERA), True),
 }
 """Shift to its condition, and whether the task's `SENTENCES` take the place of its instruction."""
-OTHERS = ("self-trained", "nearest-centroid", "instruction-match", "paper-coded")
-AUROC = "AUROC"
+ROUTERS = ("calibrated", "self-trained", "nearest-centroid", "instruction-match", "paper-coded")
+"""Those of `zoo:merged`; word matching is of no use where the instruction is hidden."""
 
 
 def measure() -> list[dict[str, object]]:
@@ -108,28 +102,20 @@ def measure() -> list[dict[str, object]]:
 
     from robogauntlet_mergevla.checkpoints.merged_checkpoint import load_merged
     from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet_mergevla.routing.catalog import feature_spec_of, fit_routers
-    from robogauntlet_mergevla.routing.features import FeatureSpec
 
     torch.set_num_threads(1)
-    model = MergedModel(load_merged("zoo:merged").parts)
-    first, seen = first_of_demonstrations(model), observed(model.experts)
-    fitted = fit_routers(model, first.frames, first.held_out, FITTED_ROUTERS)
+    checkpoint = load_merged("zoo:merged")
+    model = MergedModel(checkpoint.parts)
+    seen = observed(model.experts)
     rows: list[dict[str, object]] = []
     for sees, instruction in ((True, "read"), (False, "hidden")):
-        middle = feature_spec_of(model.architecture, sees_instruction=sees)
-        for layer, spec in (("last", FeatureSpec(sees)), ("middle", middle)):
-            for frames, augments in (("unmodified", False), ("augmented", True)):
-                name = f"calibrated, {layer} layer, {frames} frames"
-                found = _fitted(model, first, seen, spec, augments=augments)
-                rows.append({"router": name, "instruction": instruction, **found})
-        for name in OTHERS if sees else (name for name in OTHERS if name != "instruction-match"):
-            scores = by_router(name, model, fitted)
+        for name in ROUTERS if sees else (name for name in ROUTERS if name != "instruction-match"):
+            scores = by_router(name, model, checkpoint.fitted)
             chosen = {shift: _text(scores(own, sees).argmax(dim=1).tolist()) for shift, own in seen.items()}
-            rows.append({"router": name, "instruction": instruction, AUROC: "", "decisions": chosen})
+            rows.append({"router": name, "instruction": instruction, "decisions": chosen})
     rows = [row | rates(row["decisions"], model.experts) for row in rows]  # type: ignore[arg-type]
     shifts = {shift: f"{{{shift}}}" for shift in SHIFTS}
-    table_of(rows, {"router": "{router}", "instruction": "{instruction}", **shifts, "AUROC, left out": f"{{{AUROC}}}"})
+    table_of(rows, {"router": "{router}", "instruction": "{instruction}", **shifts})
     return rows
 
 
@@ -180,36 +166,6 @@ def _worded(snapshot: Snapshot, observation: Observation, *, rewords: bool) -> I
     (first,) = cache.observations([snapshot.seed])
     for sentence in SENTENCES[snapshot.task] if rewords else (first.instruction,):
         yield replace(first, instruction=sentence)
-
-
-def _fitted(
-    model: MergedModel,
-    first: RouterTrainingSet,
-    seen: Mapping[str, Sequence[FirstObservation]],
-    feature_spec: FeatureSpec,
-    *,
-    augments: bool,
-) -> dict[str, object]:
-    """Decisions by shift, and the mean AUROC of clean observations of each task left out of the fit."""
-    from robogauntlet_mergevla.routing.catalog import FITTED, fitting_features
-    from robogauntlet_mergevla.routing.evaluation import leave_one_out
-    from robogauntlet_mergevla.routing.features import features_of, labelled_features
-    from robogauntlet_mergevla.routing.gaussian import fit
-    from robogauntlet_mergevla.routing_evaluation.evaluation import detection_of
-
-    fitting = replace(FITTED["calibrated"], augments=augments)
-    parts = fitting_features(fitting, model, first.frames, first.held_out, feature_spec)
-    fitted = fit(*parts, feature_spec)
-    decisions = {}
-    for shift, observations in seen.items():
-        chosen = fitted.scores(features_of(model, observations, feature_spec)).argmax(dim=1).tolist()
-        decisions[shift] = _text([model.experts.index(fitted.experts[place]) for place in chosen])
-    clean: dict[str, list[FirstObservation]] = {}
-    for one in seen["as trained"]:
-        clean.setdefault(one.task, []).append(one)
-    new = labelled_features(model, clean, feature_spec)
-    left_out = leave_one_out(partial(fit, feature_spec=feature_spec), *parts, new)
-    return {AUROC: f"{fmean(detection_of(scores).auroc for scores in left_out.values()):.3f}", "decisions": decisions}
 
 
 def _text(chosen: Sequence[int]) -> str:
