@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from websockets.sync.server import serve
 
 from robogauntlet.orchestrator.inference.server_thread import ServerThread
-from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, ServerOptions
+from robogauntlet.orchestrator.inference.shared_policy import IdentifiedPolicy
+from robogauntlet.orchestrator.inference.websocket_server import ServerOptions
 from robogauntlet.policies import catalog
 from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
 
@@ -21,7 +22,7 @@ class Running(ServerThread):
 
     @property
     def batches(self):
-        return dict(self.server.batcher.batches)
+        return dict(self.server.policy.batcher.batches)
 
     def drop(self):
         """Cut every connection, as a network does."""

@@ -19,7 +19,8 @@ from robogauntlet.adapters.contract import TaskDescription
 from robogauntlet.orchestrator.environments.resolver import OBJECT_TOKEN
 from robogauntlet.orchestrator.inference.first_answer import check_first_answer
 from robogauntlet.orchestrator.inference.server_thread import ServerThread
-from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, ServerOptions
+from robogauntlet.orchestrator.inference.shared_policy import IdentifiedPolicy
+from robogauntlet.orchestrator.inference.websocket_server import ServerOptions
 from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy, as_policy, is_contract
 from robogauntlet.suites.episode import View, content_hash
 from robogauntlet.suites.schema import PolicyEntry, valid_name

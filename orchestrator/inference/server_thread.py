@@ -8,7 +8,8 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any, Self, TypeVar
 
-from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, PolicyServer, ServerOptions
+from robogauntlet.orchestrator.inference.shared_policy import IdentifiedPolicy
+from robogauntlet.orchestrator.inference.websocket_server import PolicyServer, ServerOptions
 
 Result = TypeVar("Result")
 ANSWER_S = 10.0

@@ -7,10 +7,13 @@ in the world frame; actions as shares of the controller's largest offset.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
+from robogauntlet.adapters.catalog import simulators
 from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.adapters.frames import axis_angle_as_signed
+from robogauntlet.adapters.frames import axis_angle, axis_angle_as_signed
 from robogauntlet.policies.contract import PolicyMismatch
 
 BASES = {
@@ -23,6 +26,7 @@ BASES = {
 """Position of the robot's base in the world (m), by scene."""
 SCENES = {"spatial": "tabletop", "goal": "tabletop", "object": "floor"}
 """LIBERO suites with a single scene; in the others the scene is part of the task's name."""
+_SUITE = re.compile(r"libero_(spatial|object|goal|10|90)(?![a-z0-9])")
 TRANSLATION, ROTATION = 0.0131, 0.118
 """An action of 1 in the units of `adapters.contract` (m, rad): the tool's steady motion per step under LIBERO's offset
 of 5 cm and 0.5 rad."""
@@ -60,3 +64,29 @@ def native_proprioception(
     """
     turn = proprioception[3:6] if hand_quaternion is None else axis_angle_as_signed(hand_quaternion)
     return np.concatenate([proprioception[:3] + base_of(task), turn, proprioception[6:] * [1.0, -1.0]])
+
+
+def own_proprioception(task: str, native: FloatArray) -> FloatArray:
+    """Convert LIBERO's proprioception (8,) to ours: the inverse of `native_proprioception`, on our branch."""
+    from scipy.spatial.transform import Rotation  # takes 0.2 s, in commands that ask no server
+
+    turn = axis_angle(Rotation.from_rotvec(native[3:6]).as_quat())
+    return np.concatenate([native[:3] - base_of(task), turn, native[6:] * [1.0, -1.0]])
+
+
+def task_of(suite: str, number: object, instruction: object) -> str | None:
+    """Return the task (`libero/...`) that LIBERO knows by a suite, `libero_goal`, and its number there.
+
+    The suites of LIBERO-Plus and LIBERO-Pro begin with the same names. A task of theirs, or one of LIBERO's whose
+    instruction is another, is `libero/goal-NUMBER`, which tells the scene if its suite has a single one. None for the
+    suites of other benchmarks.
+    """
+    match = _SUITE.match(suite)
+    if match is None:
+        return None
+    begin = f"{match[1]}-{number}"
+    tasks = simulators().get("libero")
+    for name, task in tasks.tasks.items() if tasks else ():
+        if name.startswith(f"{begin}-") and task.instruction == instruction:
+            return f"libero/{name}"
+    return f"libero/{begin}"

@@ -30,6 +30,18 @@ JOINT_UNITS = "targets of joints in radians, gripper -1 open to +1 closed"
 MOST_NUMBERS = 64
 """Of an observation's proprioception."""
 
+
+@dataclass(frozen=True)
+class Keys:
+    """Where a protocol's message has the parts of an observation."""
+
+    cameras: Mapping[str, str]
+    """Camera to key."""
+    state: str
+    instruction: str
+
+
+OPENPI = Keys(CAMERA_KEYS, STATE_KEY, INSTRUCTION_KEY)
 _EPISODE, _ROUTING = TypeAdapter(Episode), TypeAdapter(Routing)
 
 
@@ -133,11 +145,11 @@ def finished_in(message: Mapping[str, Any]) -> list[str]:
     return [name for name in finished if isinstance(name, str)] if isinstance(finished, list) else []
 
 
-def query_in(message: Mapping[str, Any], episode: Episode, step: int, spec: PolicySpec) -> Query:
+def query_in(message: Mapping[str, Any], episode: Episode, step: int, spec: PolicySpec, keys: Keys = OPENPI) -> Query:
     """Return a message as a policy's query. Raises PackingError if an input of the policy is missing or malformed."""
     match spec.sees:
         case PolicyInput.OBSERVATION:
-            return Query(episode, step, observation=_observation(message, spec))
+            return Query(episode, step, observation=_observation(message, spec, keys))
         case PolicyInput.PRIVILEGED_STATE:
             state = message.get(TRUE_STATE)
             if not isinstance(state, dict) or not all(isinstance(value, np.ndarray) for value in state.values()):
@@ -147,16 +159,16 @@ def query_in(message: Mapping[str, Any], episode: Episode, step: int, spec: Poli
             return Query(episode, step)
 
 
-def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
-    cameras = {key: camera for camera, key in CAMERA_KEYS.items()}
+def _observation(message: Mapping[str, Any], spec: PolicySpec, keys: Keys) -> Observation:
+    cameras = {key: camera for camera, key in keys.cameras.items()}
     # The message's order is that of the view.
     images = {cameras[key]: _image(key, value, spec) for key, value in message.items() if key in cameras}
     missing = [camera for camera in spec.cameras if camera not in images]
     if missing or not images:
-        needed = CAMERA_KEYS[missing[0]] if missing else " or ".join(CAMERA_KEYS.values())
-        keys = ", ".join(sorted(map(str, message)))[:200]
-        raise PackingError(f"expected an image as {needed}, got none among {keys}")
-    state = message.get(STATE_KEY)
+        needed = keys.cameras[missing[0]] if missing else " or ".join(keys.cameras.values())
+        given = ", ".join(sorted(map(str, message)))[:200]
+        raise PackingError(f"expected an image as {needed}, got none among {given}")
+    state = message.get(keys.state)
     of_joints = message.get(OF_JOINTS) is True or bool(_body(spec).joints)
     sizes = range(2, MOST_NUMBERS + 1) if of_joints else [Body(arms).proprioception_dim for arms in (1, 2)]
     if spec.action_dim is not None:
@@ -164,14 +176,14 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
     if not isinstance(state, np.ndarray) or state.dtype.kind not in "iuf" or state.shape not in [(n,) for n in sizes]:
         got = f"shape {state.shape}" if isinstance(state, np.ndarray) else f"a {type(state).__name__}"
         wanted = f"2 to {MOST_NUMBERS}" if isinstance(sizes, range) else " or ".join(map(str, sizes))
-        raise PackingError(f"expected an array of {wanted} numbers as {STATE_KEY}, got {got}")
-    instruction = message.get(INSTRUCTION_KEY, "")
+        raise PackingError(f"expected an array of {wanted} numbers as {keys.state}, got {got}")
+    instruction = message.get(keys.instruction, "")
     if isinstance(instruction, np.ndarray) and instruction.ndim == 0:
         instruction = instruction.item()
     if not isinstance(instruction, str):
-        raise PackingError(f"expected text as {INSTRUCTION_KEY}, got {type(instruction).__name__}")
+        raise PackingError(f"expected text as {keys.instruction}, got {type(instruction).__name__}")
     if len(instruction) > LONGEST_INSTRUCTION:
-        expected = f"expected at most {LONGEST_INSTRUCTION} characters as {INSTRUCTION_KEY}"
+        expected = f"expected at most {LONGEST_INSTRUCTION} characters as {keys.instruction}"
         raise PackingError(f"{expected}, got {len(instruction)}")
     return Observation(images, state.astype(np.float64), str(instruction), of_joints)
 

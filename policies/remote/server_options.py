@@ -6,6 +6,7 @@ import math
 import re
 import reprlib
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Literal, Self
 from urllib.parse import urlsplit
 
@@ -20,9 +21,19 @@ from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.network import is_loopback
 from robogauntlet.support.secret_variables import POLICY_TOKEN
 
+
+class WireProtocol(StrEnum):
+    """A protocol of policy servers and their clients."""
+
+    OPENPI = "openpi"
+    VLA_EVAL = "vla-eval"
+
+
 _TOKEN_VARIABLE = re.compile(rf"{POLICY_TOKEN}(_[A-Z0-9_]{{1,60}})?")
 CAMERA_KEYS = dict(zip(CAMERAS, ("observation/image", "observation/wrist_image"), strict=True))
 STATE_KEY, INSTRUCTION_KEY, ACTIONS_KEY = "observation/state", "prompt", "actions"
+VLA_EVAL_CAMERAS = dict(zip(CAMERAS, ("agentview", "wrist"), strict=True))
+VLA_EVAL_STATE, VLA_EVAL_INSTRUCTION = "state", "task_description"
 Key = Annotated[str, Field(min_length=1, max_length=200)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
@@ -182,7 +193,7 @@ class Convention(BaseModel):
 class ServerOptions(Convention):
     """The options of a policy behind a server: those of the kind `openpi`."""
 
-    PROTOCOL: ClassVar[str] = "openpi"
+    PROTOCOL: ClassVar[str] = WireProtocol.OPENPI.value
     """The kind, and the scheme of its addresses."""
 
     address: str
@@ -253,15 +264,15 @@ class ServerOptions(Convention):
 class VlaEvalOptions(ServerOptions):
     """The options of the kind `vla-eval`. The server's specs say those that are not given, where they can."""
 
-    PROTOCOL: ClassVar[str] = "vla-eval"
+    PROTOCOL: ClassVar[str] = WireProtocol.VLA_EVAL.value
 
     address: str
     """vla-eval://HOST:PORT, or ws:// or wss://"""
-    cameras: dict[str, Key] = Field(default=dict(zip(CAMERAS, ("agentview", "wrist"), strict=True)))
+    cameras: dict[str, Key] = Field(default=VLA_EVAL_CAMERAS)
     """camera to its name among the images; by default the wrist is sent if the server asks for it"""
-    proprioception: Key | None = "state"
+    proprioception: Key | None = VLA_EVAL_STATE
     """key of the eight numbers, or of joints and gripper; by default they are sent if the server asks for them"""
-    instruction: Key | None = "task_description"
+    instruction: Key | None = VLA_EVAL_INSTRUCTION
     """key of the goal in words; null to leave it out"""
     execute: Annotated[int, Field(strict=True, ge=1, le=1)] | None = 1
     """1: the server keeps the chunk, and is asked at each control step"""

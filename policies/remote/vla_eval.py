@@ -1,15 +1,8 @@
-"""A policy behind a model server of vla-evaluation-harness.
-
-The protocol is that of https://github.com/allenai/vla-evaluation-harness (`vla_eval.protocol`, Apache 2.0), version 1:
-messages `{type, payload, seq, timestamp}` as msgpack. The client says hello, and the server answers with what it takes
-and gives; an episode starts without an answer; each observation is answered with one action, of the same `seq`. The
-server keeps the chunk of an episode, and a connection has one episode at a time.
-"""
+"""A policy behind a model server of vla-evaluation-harness; the protocol is in `vla_eval_messages`."""
 
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,15 +13,14 @@ from robogauntlet.adapters.contract import ACTION_DIM, Image
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote.connection import MAX_ERROR_LENGTH, ServerConnection, packed
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, images_in
-from robogauntlet.policies.remote.msgpack_numpy import PackingError, array_of, pack
+from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.remote_policy import ConnectionLost, RemotePolicy
 from robogauntlet.policies.remote.server_options import ServerOptions
+from robogauntlet.policies.remote.vla_eval_messages import Kind, check_version, hello, message_of, received
 from robogauntlet.policies.remote.vla_eval_specs import fitted
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import last_line
 from robogauntlet.support.text import visible
-
-VERSION = 1
 
 
 @dataclass
@@ -44,9 +36,7 @@ class VlaEvalPolicy(RemotePolicy):
     """Asks a model server for one action at each control step. Deterministic if the server is."""
 
     expected = "the HELLO of a model server of vla-evaluation-harness"
-    hello = pack(
-        {"type": "hello", "payload": {"harness_version": "", "protocol_version": VERSION}, "seq": 0, "timestamp": 0.0}
-    )
+    hello = hello()
 
     def __init__(self, options: ServerOptions) -> None:
         """Connect, unless `options.identity` names the policy."""
@@ -78,7 +68,7 @@ class VlaEvalPolicy(RemotePolicy):
         for episode in episodes:
             if (session := self._sessions.pop(episode.id, None)) is not None:
                 if session.number == session.connection.number:
-                    session.connection.tell(self._frame("episode_end", {}, next(self._numbers)))
+                    session.connection.tell(self._frame(Kind.EPISODE_END, {}, next(self._numbers)))
                 self._free.append(session.connection)
 
     def images_sent(self, query: Query) -> Mapping[str, Image]:
@@ -104,13 +94,11 @@ class VlaEvalPolicy(RemotePolicy):
                 f"{self._server}: expected {self.expected}, got a message of another protocol with {keys}; "
                 "the address of a server of openpi's begins with openpi://"
             )
-        said = self._payload(message, "hello")
-        if type(version := said.get("protocol_version")) is not int or version != VERSION:
-            shown = visible(str(version))[:20]
-            raise PolicyError(f"{self._server}: expected a server of protocol version {VERSION}, got version {shown}")
+        said = self._payload(message, Kind.HELLO)
         try:
+            check_version(said, "server")
             self._fitted = fitted(self._options, said)
-        except PolicyMismatch as error:
+        except (PackingError, PolicyMismatch) as error:
             raise PolicyMismatch(f"{self._server}: {error}") from None
         return said
 
@@ -130,7 +118,7 @@ class VlaEvalPolicy(RemotePolicy):
         return decision
 
     def _decision(self, answer: Mapping[str, Any], number: int) -> Decision:
-        action = self._payload(answer, "action")
+        action = self._payload(answer, Kind.ACTION)
         try:
             if answer.get("seq") != number:
                 raise PolicyMismatch("expected the answer to the query, got another; is inference continuous?")
@@ -142,26 +130,26 @@ class VlaEvalPolicy(RemotePolicy):
         encoded = self._encoded(query)
         images = images_in(encoded)
         rest = {key: value for key, value in encoded.items() if key not in images}
-        observed = self._frame("observation", {"images": images, **rest}, number)
+        observed = self._frame(Kind.OBSERVATION, {"images": images, **rest}, number)
         if session.number == session.connection.number:
             return [observed]
         if session.number is not None:
             raise ConnectionLost(f"{self._server} was lost during the episode")
         assert query.observation is not None
         task = {"name": query.observation.instruction, "suite": query.episode.task.partition("/")[0]}
-        return [self._frame("episode_start", {"task": task}, next(self._numbers)), observed]
+        return [self._frame(Kind.EPISODE_START, {"task": task}, next(self._numbers)), observed]
 
     def _encoded(self, query: Query) -> dict[str, Any]:
         assert query.observation is not None
         return encode_observation(self._fitted, query.observation, query.episode)
 
-    def _frame(self, kind: str, payload: Mapping[str, Any], number: int) -> bytes:
-        return packed({"type": kind, "payload": _sent(payload), "seq": number, "timestamp": time.time()})
+    def _frame(self, kind: Kind, payload: Mapping[str, Any], number: int) -> bytes:
+        return packed(message_of(kind, payload, number))
 
-    def _payload(self, message: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
+    def _payload(self, message: Mapping[str, Any], kind: Kind) -> Mapping[str, Any]:
         """Return the payload of a message of this kind. Raises PolicyError for another, or the server's error."""
         payload, got = message.get("payload"), message.get("type")
-        if got == "error":
+        if got == Kind.ERROR:
             text = payload.get("error") if isinstance(payload, dict) else payload
             shown = visible(last_line(str(text)[-10 * MAX_ERROR_LENGTH :]))[:MAX_ERROR_LENGTH]
             raise PolicyError(f"{self._server}: expected an answer, got an error: {shown}")
@@ -175,9 +163,7 @@ class VlaEvalPolicy(RemotePolicy):
         key = self._fitted.actions
         if key not in action and "action" not in action:
             return dict(action)
-        value: Any = action.get(key, action.get("action"))
-        if isinstance(value, dict) and "__ndarray__" in value:
-            value = array_of(value.get("dtype"), value.get("shape"), value.get("data", b""))
+        value = received(action.get(key, action.get("action")))
         if isinstance(value, np.ndarray):
             many = value.ndim > 1
         else:
@@ -187,10 +173,3 @@ class VlaEvalPolicy(RemotePolicy):
                 f"expected one action as '{key}', got {len(value)}; let the server keep the chunk: give it chunk_size"
             )
         return {key: value if many else [value]}
-
-
-def _sent(value: Any) -> Any:
-    """Return a payload with arrays as the protocol describes them, images without compression."""
-    if isinstance(value, np.ndarray):
-        return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": list(value.shape)}
-    return {key: _sent(item) for key, item in value.items()} if isinstance(value, Mapping) else value

@@ -1,5 +1,7 @@
 """Frames of the policy protocol: whatever a server or a client sends, it is read or refused in one line."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import example
 from hypothesis import strategies as st
@@ -18,6 +20,8 @@ from robogauntlet.policies.remote.protocol import (
     routing_in,
 )
 from robogauntlet.policies.remote.server_options import Convention, VlaEvalOptions
+from robogauntlet.policies.remote.vla_eval_messages import Kind, message_of
+from robogauntlet.policies.remote.vla_eval_server import query_of, task_and_convention
 from robogauntlet.policies.remote.vla_eval_specs import fitted
 from tests.fuzz.damage import damaged_bytes, damaged_value, fuzzed, in_one_line
 from tests.fuzz.example_messages import ANSWER, POLICY, QUERY
@@ -27,6 +31,14 @@ HELLO = {
     "observation_spec": {"image": {"dims": 0, "format": "rgb_hwc_uint8"}, "state": {"dims": 0, "format": "raw"}},
     "observation_params": {"send_wrist_image": True},
 }
+TASK = {"name": "reach the ball", "suite": "libero_goal", "task_id": 3, "episode_idx": 0}
+_SEEN = QUERY.observation
+SHOWN = {
+    "images": dict(zip(("agentview", "wrist"), _SEEN.images.values(), strict=True)),
+    "states": _SEEN.proprioception,
+    "task_description": _SEEN.instruction,
+}
+EPISODE = message_of(Kind.OBSERVATION, {"task": TASK, "seen": SHOWN}, 1)["payload"]
 GREETING = as_metadata(greeting_of(POLICY, "0123456789abcdef"))
 MESSAGE = as_message(QUERY, ["an-episode"])
 CONVENTIONS = (
@@ -67,6 +79,19 @@ def test_a_damaged_message_of_a_client(damaged):
 def test_damaged_specs_of_a_model_server(damaged):
     options = VlaEvalOptions(address="a:1", convention="robogauntlet")
     refusable(lambda: fitted(options, damaged if isinstance(damaged, dict) else {}))
+
+
+@fuzzed(damaged_value(EPISODE))
+@example(damaged=EPISODE | {"task": {"suite": "a\nb", "task_id": "\ud800"}})
+def test_a_damaged_episode_of_a_benchmark(damaged):
+    task, seen = (damaged.get(part) if isinstance(damaged, dict) else None for part in ("task", "seen"))
+
+    def read():
+        name, convention = task_and_convention(task if isinstance(task, dict) else {}, "vla_eval.benchmarks.x")
+        episode = replace(QUERY.episode, task=name)
+        query_of(seen if isinstance(seen, dict) else {}, episode, 0, POLICY.spec, convention)
+
+    refusable(read)
 
 
 def read_as_client(content):

@@ -1,4 +1,4 @@
-"""`robogauntlet serve policy`: serve a policy to other processes in openpi's protocol."""
+"""`robogauntlet serve policy`: serve a policy to other processes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 from robogauntlet.orchestrator.cli.common import TOKEN, Host, PolicyOptions, Port, out, print_line
 from robogauntlet.policies import catalog
 from robogauntlet.policies.references import FORMS, read_options, read_reference, with_options
+from robogauntlet.policies.remote.server_options import WireProtocol
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.interrupts import SIGNALS
 
@@ -23,6 +24,7 @@ def serve(
     option: PolicyOptions = None,
     host: Host = "127.0.0.1",
     port: Port = 8000,
+    protocol: Annotated[WireProtocol, typer.Option(help="What clients speak.")] = WireProtocol.OPENPI,
     task: Annotated[str, typer.Option(help="Task of clients that do not name one.")] = "unknown/unknown",
     batch: Annotated[
         int, typer.Option(min=1, max=1024, help="Largest number of queries, of several clients, in a batch.")
@@ -32,22 +34,20 @@ def serve(
 ) -> None:
     """Serve a policy over a websocket.
 
-    Clients are suites (policy kind openpi), openpi's own clients, and robots.
+    Clients are suites (policy kind openpi), openpi's own clients, and robots; or benchmarks of vla-evaluation-harness.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from robogauntlet.orchestrator.inference.websocket_server import (
-        IdentifiedPolicy,
-        PolicyServer,
-        ServeError,
-        ServerOptions,
-    )
+    from robogauntlet.orchestrator.inference.shared_policy import IdentifiedPolicy
+    from robogauntlet.orchestrator.inference.websocket_server import PolicyServer, ServeError, ServerOptions
 
-    place = ServerOptions(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
+    token = os.environ.get(TOKEN) or None
+    place = ServerOptions(host, port, token, most_mib * 2**20, batch, wait_ms / 1000, protocol)
     try:
         place.check()
         (entry,) = with_options([read_reference(policy)], read_options(option or ()))
         digest = catalog.digest(entry.kind, entry.options)
-        served = IdentifiedPolicy(catalog.load(entry.kind, entry.options), policy, digest, task)
+        execute = catalog.wishes(entry.kind, entry.options).execute
+        served = IdentifiedPolicy(catalog.load(entry.kind, entry.options), policy, digest, task, execute)
         asyncio.run(_until_stopped(PolicyServer(served, place)))
     except ServeError as error:
         raise BadInput(str(error)) from None

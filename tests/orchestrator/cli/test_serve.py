@@ -24,10 +24,12 @@ from tests.remote_servers import answering, serving, speaking
 
 
 @contextmanager
-def served(policy):
+def served(policy, *options):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    process = subprocess.Popen([*GAUNTLET, "serve", "policy", policy, "--port", "0"], env=environment, **pipes)
+    process = subprocess.Popen(
+        [*GAUNTLET, "serve", "policy", policy, "--port", "0", *options], env=environment, **pipes
+    )
     try:
         line = process.stdout.readline()
         found = re.search(r"ws://\S+?:\d+", line)
@@ -84,6 +86,10 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
         (("zoo:mergd",), "expected the name of a shipped checkpoint after 'zoo:'"),
         (("zero", "--host", "0.0.0.0"), "--host 0.0.0.0: expected a token in ROBOGAUNTLET_TOKEN"),
         (("zero", "--port", port), f"cannot listen on 127.0.0.1:{port}: "),
+        (
+            ("oracle", "--protocol", "vla-eval"),
+            "protocol vla-eval: expected a policy that sees observations, got one that",
+        ),
         (("mergevla", "--option", "checkpont=x"), "policy 'mergevla' has no option 'checkpont'; did you mean"),
         (("python:no_such_thing:x",), "expected a module 'no_such_thing'"),
         (("openpi://127.0.0.1:1", "--option", "retries=0"), "no connection"),

@@ -16,12 +16,8 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.rollout import rollout
-from robogauntlet.orchestrator.inference.websocket_server import (
-    IdentifiedPolicy,
-    PolicyServer,
-    ServeError,
-    ServerOptions,
-)
+from robogauntlet.orchestrator.inference.shared_policy import IdentifiedPolicy
+from robogauntlet.orchestrator.inference.websocket_server import PolicyServer, ServeError, ServerOptions
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicySpec, Query
 from robogauntlet.policies.function_policy import as_policy
