@@ -36,11 +36,11 @@ class Running(ServerThread):
 
 
 @contextmanager
-def serving(kind, options=None, *, policy=None, task="unknown/unknown", digest=None, **place):
+def serving(kind, options=None, *, policy=None, task="unknown/unknown", digest=None, execute=None, **place):
     options = options or {}
     policy = policy or catalog.load(kind, options)
     digest = digest or catalog.digest(kind, options)
-    served = IdentifiedPolicy(policy, kind, digest, task)
+    served = IdentifiedPolicy(policy, kind, digest, task, execute)
     with Running(served, ServerOptions(port=place.pop("port", 0), **place)) as running:
         yield running
 

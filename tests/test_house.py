@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 15_022,
     "suites": 2_793,
     "src/robogauntlet": 972,
-    "tests": 48_484,
+    "tests": 48_487,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -11,7 +11,7 @@ from robogauntlet.orchestrator.inference.session import Session, line_of
 from robogauntlet.orchestrator.inference.shared_policy import HORIZON, SharedPolicy
 from robogauntlet.policies.contract import check_chunk
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack
-from robogauntlet.policies.remote.vla_eval_messages import Kind, check_version, hello, message_of
+from robogauntlet.policies.remote.vla_eval_messages import Kind, check_version, hello_frame, message_of
 from robogauntlet.policies.remote.vla_eval_server import (
     OWN,
     native_action,
@@ -55,7 +55,7 @@ class VlaEvalSession(Session):
                 check_version(payload, "client")
                 self._benchmark = str(payload.get("benchmark") or "")[:200]
                 served = self._policy.served
-                return hello(
+                return hello_frame(
                     number, model_server="robogauntlet", policy=served.name, digest=served.digest, **self._specs
                 )
             case Kind.EPISODE_START | Kind.EPISODE_END:

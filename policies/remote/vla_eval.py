@@ -16,7 +16,7 @@ from robogauntlet.policies.remote.conversion import decode_chunk, encode_observa
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.remote_policy import ConnectionLost, RemotePolicy
 from robogauntlet.policies.remote.server_options import ServerOptions
-from robogauntlet.policies.remote.vla_eval_messages import Kind, check_version, hello, message_of, received
+from robogauntlet.policies.remote.vla_eval_messages import Kind, check_version, hello_frame, message_of, received
 from robogauntlet.policies.remote.vla_eval_specs import fitted
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import last_line
@@ -36,7 +36,7 @@ class VlaEvalPolicy(RemotePolicy):
     """Asks a model server for one action at each control step. Deterministic if the server is."""
 
     expected = "the HELLO of a model server of vla-evaluation-harness"
-    hello = hello()
+    hello = hello_frame()
 
     def __init__(self, options: ServerOptions) -> None:
         """Connect, unless `options.identity` names the policy."""

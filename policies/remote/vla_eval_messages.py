@@ -42,7 +42,7 @@ def message_of(kind: Kind, payload: Mapping[str, Any], number: int) -> dict[str,
     return {"type": kind.value, "payload": _sent(payload), "seq": number, "timestamp": time.time()}
 
 
-def hello(number: int = 0, **said: Any) -> bytes:
+def hello_frame(number: int = 0, **said: Any) -> bytes:
     """Return the first message of either side; `said` is what a server says of itself."""
     return pack(message_of(Kind.HELLO, {"harness_version": "", "protocol_version": VERSION, **said}, number))
 

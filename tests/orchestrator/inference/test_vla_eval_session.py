@@ -179,6 +179,7 @@ def test_an_episodes_state_begins_with_its_start_and_ends_with_its_end_or_its_cl
             one, other = Client(first), Client(second)
             one.start(name="a", episode_idx=5)
             assert [one.counts(), one.counts()] == [[1, 5], [2, 5]]
+            assert [one.ping_interval for one in server.listening.connections] == [None] * 2  # a reset may take minutes
             other.start(name="a", episode_idx=5)  # is played already, so it is the next
             assert [other.counts(), one.counts()] == [[1, 6], [3, 5]]
             one.start(name="b")  # without an end
@@ -189,11 +190,12 @@ def test_an_episodes_state_begins_with_its_start_and_ends_with_its_end_or_its_cl
         settle(server, 0)
 
 
-def test_a_chunk_is_kept_for_as_many_steps_as_a_run_executes_and_never_for_the_next_episode():
-    with speaking_theirs(Counting(chunk=10)) as server, connect(server.address) as connection:
+@pytest.mark.parametrize(("execute", "executed"), [(None, 8), (2, 8), (9, 9)])
+def test_a_chunk_is_kept_for_as_many_steps_as_a_run_executes_and_never_for_the_next_episode(execute, executed):
+    with speaking_theirs(Counting(chunk=10), execute=execute) as server, connect(server.address) as connection:
         client = Client(connection)
-        client.start()
-        assert [client.counts()[0] for _ in range(10)] == [1] * 8 + [2] * 2
+        client.start(episode_idx="last")
+        assert [client.counts() for _ in range(10)] == [[1, 0]] * executed + [[2, 0]] * (10 - executed)
         client.start()
         assert client.counts()[0] == 1
 

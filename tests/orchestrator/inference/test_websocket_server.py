@@ -306,8 +306,9 @@ def test_web_pages_and_clients_without_the_token_are_refused():
             assert unpack(connection.recv())["policy"] == "untrained"
 
 
-def test_the_health_check_answers(untrained):
-    with urllib.request.urlopen(f"http://127.0.0.1:{untrained.port}/healthz", timeout=5) as answer:
+@pytest.mark.parametrize("path", ["healthz", "health"])  # openpi's, vla-evaluation-harness'
+def test_the_health_check_answers(untrained, path):
+    with urllib.request.urlopen(f"http://127.0.0.1:{untrained.port}/{path}", timeout=5) as answer:
         assert (answer.status, answer.read()) == (200, b"OK\n")
 
 
