@@ -51,12 +51,12 @@ LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_109,
     "adapters": 8_685,
-    "policies": 7_080,
+    "policies": 7_082,
     "mergevla": 9_389,
     "results": 15_022,
     "suites": 2_793,
     "src/robogauntlet": 972,
-    "tests": 48_487,
+    "tests": 48_493,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

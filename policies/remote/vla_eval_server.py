@@ -92,13 +92,15 @@ def query_of(
         PackingError: An input of the policy is missing or malformed.
         PolicyMismatch: It is of a task of LIBERO whose scene is not known.
     """
+    if spec.sees is PolicyInput.NOTHING:
+        return Query(episode, step)
     given = payload.get("images")
     images = {str(key): received(image) for key, image in given.items()} if isinstance(given, dict) else {}
     state = {KEYS.state: received(payload.get(KEYS.state, payload.get(STATES)))}
     words = {key: payload[key] for key in (KEYS.instruction,) if key in payload}
     query = query_in(images | state | words, episode, step, replace(spec, image_size=None), KEYS)
-    if (seen := query.observation) is None:
-        return query
+    seen = query.observation
+    assert seen is not None  # `specs_of` refuses the true state
     sized = convention.model_copy(update={"image_size": spec.image_size})
     shown = {name: resize_image(sized, turn_image(sized, name, image)) for name, image in seen.images.items()}
     known = seen.proprioception

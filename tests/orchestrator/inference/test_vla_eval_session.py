@@ -23,7 +23,7 @@ from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.errors import one_line_error
 from tests.orchestrator.cli.test_serve import served
 from tests.orchestrator.inference.test_websocket_server import settle
-from tests.policies.remote.test_vla_eval_server import IMAGE, OURS, SOUND, SPEC, compressed
+from tests.policies.remote.test_vla_eval_server import BROKEN, IMAGE, OURS, SOUND, SPEC, compressed
 from tests.remote_servers import serving
 
 VIEW = View(image_size=32)
@@ -214,7 +214,6 @@ def test_an_error_at_the_start_answers_the_first_observation():
 HELLO = {"harness_version": "0.8.0", "protocol_version": 1}
 CALVIN = HELLO | {"benchmark": "vla_eval.benchmarks.calvin.benchmark:CALVINBenchmark"}
 LARGE = compressed(np.zeros((2, 2000, 3), np.uint8), "png")
-BROKEN = {"__image__": True, "format": "png", "data": b"\x89PNG\r\n\x1a\n rest"}
 BAD = {
     "text": ("hello", "expected msgpack in a binary frame, got text"),
     "no msgpack": (b"\xc1", "expected msgpack, got 1 bytes that are not"),

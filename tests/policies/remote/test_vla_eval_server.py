@@ -8,7 +8,7 @@ import pytest
 from PIL import Image as Picture
 
 from robogauntlet.adapters.contract import Observation
-from robogauntlet.policies.contract import PolicyInput, PolicySpec
+from robogauntlet.policies.contract import PolicyInput, PolicySpec, Query
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
 from robogauntlet.policies.remote.server_options import VlaEvalOptions, read_options
 from robogauntlet.policies.remote.vla_eval_messages import received
@@ -21,6 +21,7 @@ OURS = {"convention": "robogauntlet", "gripper_open": -1.0, "gripper_closed": 1.
 SPEC = PolicySpec(PolicyInput.OBSERVATION, 4)
 IMAGE = np.arange(32 * 32 * 3, dtype=np.uint8).reshape(32, 32, 3)
 SOUND = {"images": {"agentview": IMAGE, "wrist": IMAGE}, "states": np.zeros(8), "task_description": "reach"}
+BROKEN = {"__image__": True, "format": "png", "data": b"\x89PNG\r\n\x1a\n rest"}
 SPATIAL = {
     "suite": "libero_spatial",
     "task_id": 3,
@@ -85,6 +86,12 @@ def test_their_libero_benchmark_is_read():
 )
 def test_suites_of_libero_and_its_successors_are_known_by_their_names(suite, number, task):
     assert task_and_convention({"suite": suite, "task_id": number, "name": "x"}, "mine:Toy")[0] == task
+
+
+def test_a_policy_that_sees_nothing_needs_no_images():
+    episode = Episode("p", "d", "a/b", 0, Protocol(9))
+    spec = PolicySpec(PolicyInput.NOTHING, 4)
+    assert query_of({"images": {"agentview": BROKEN}}, episode, 3, spec, LIBERO) == Query(episode, 3)
 
 
 def test_images_have_the_size_that_the_policy_was_made_for():
