@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.suites.schema import CompareEntry, MergingEntry, Seeds, Suite
+from robogauntlet.suites.schema import CompareEntry, MergingEntry, PolicyEntry, Seeds, Suite
 
 REPLACING = ("success", "workers")
 SETTINGS = ("success", "image_size", "replan_every", "render_profile", "workers")
@@ -33,6 +33,8 @@ class SuiteSelection:
     """Options of those policies that the suite lacks."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Keys of `SETTINGS` to their values."""
+    added: tuple[PolicyEntry, ...] = ()
+    """Policies that the suite lacks, beside those that `policies` names."""
 
     def set_in(self, suite: Suite) -> Suite:
         """Return the suite with the settings, of which those of `REPLACING` may replace what it states.

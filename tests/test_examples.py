@@ -1,13 +1,16 @@
 """The examples are run."""
 
 import re
+import runpy
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+from robogauntlet.orchestrator.runs.checkpoint_folder import ReadyCheckpoints
 from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folders
@@ -49,6 +52,22 @@ def test_a_policys_history_is_printed(two_nights):
     history.close()
     output = example("follow_a_policy.py", "runs/history.sqlite", "p", cwd=two_nights)
     assert [line.split()[2] for line in output.splitlines()[1:3]] == ["monday", "tuesday"]
+
+
+@pytest.mark.nightly  # importing torch takes seconds
+def test_a_training_writes_checkpoints_that_are_watched_as_they_are(tmp_path, monkeypatch):
+    environment = SimpleNamespace(
+        reset=lambda seed: ({"images": {"third_person": np.full((96, 96, 3), seed % 256, np.uint8)}}, {}),
+        simulation=SimpleNamespace(privileged_state=lambda: {"goal_position": np.array([0.5, 0.0, 0.2])}),
+        close=lambda: None,
+    )
+    monkeypatch.setattr("robogauntlet.make", lambda task: environment)
+    training = runpy.run_path(str(ROOT / "examples" / "watch_a_training.py"))
+    training["train"](tmp_path, steps=2, every=1, scenes=2)
+    whole = ReadyCheckpoints(tmp_path, 0.0, pytest.fail).look()
+    assert [one.name for one in whole] == ["checkpoint-2", "checkpoint-1"]
+    chunk = training["Policy"](str(whole[0].folder))(environment.reset(0)[0]["images"], np.zeros(8), "reach")
+    assert chunk.shape == (8, 7)
 
 
 STAND_INS = {

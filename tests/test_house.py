@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 22_109,
+    "orchestrator": 22_607,
     "adapters": 8_685,
     "policies": 7_082,
     "mergevla": 9_389,
-    "results": 15_022,
-    "suites": 2_793,
+    "results": 15_220,
+    "suites": 2_795,
     "src/robogauntlet": 972,
-    "tests": 48_493,
+    "tests": 49_174,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

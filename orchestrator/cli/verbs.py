@@ -17,6 +17,7 @@ Verbs = Mapping[str, tuple["str | Verbs", str]]
 VERBS: Verbs = {
     "run": (".run:run", "Run a suite, or continue a run, and write its report."),
     "resume": (".resume:resume", "Continue a run of yours as it was begun."),
+    "watch": (".watch:watch", "Evaluate each checkpoint of a training when it is written."),
     "plan": (".plan:plan", "Show the episodes of a suite, starting nothing, or check suites."),
     "report": (".report:report", "Write the report of a run again, or print its table or BibTeX."),
     "compare": (

@@ -93,6 +93,10 @@ def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite,
                 f"--policy {text}: another policy has the name '{entry.name}' too; name them in a suite file"
             )
         chosen.append(entry.name)
+    for entry in part.added:
+        if entries.setdefault(entry.name, entry) != entry:
+            raise BadInput(f"{path}: expected no policy '{entry.name}' in the suite, it has one; rename one of them")
+        chosen.append(entry.name)
     own = [policy.name for policy in suite.policies]
     if added := [entry for name, entry in entries.items() if name not in own]:
         listed = (*suite.policies, *with_options(added, part.options))

@@ -45,6 +45,13 @@ def headline(comparison: RunComparison) -> str:
     return f"{MARKS[comparison.verdict]}: {comparison.run} against {comparison.baseline}"
 
 
+def in_one_line(comparison: RunComparison) -> str:
+    """The headline, and the rates of the first policy over all tasks or why nothing is compared."""
+    is_compared = comparison.comparisons and comparison.verdict is not Verdict.NOT_COMPARABLE
+    why = outcome(comparison.comparisons[0].overall) if is_compared else reasons(comparison)[0]
+    return f"{headline(comparison)}; {why}"
+
+
 def reasons(comparison: RunComparison) -> list[str]:
     """The reasons of the verdict, a line each, with what the comparison can show."""
     if not comparison.comparisons:

@@ -16,6 +16,7 @@ from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.schema import PolicyEntry
 from robogauntlet.suites.selection import SuiteSelection
 from tests.errors import one_line_error
 
@@ -186,6 +187,13 @@ def test_the_oracle_gate_alone_is_no_policy_of_a_suite_that_needs_one(suite_file
         make_plan(suite_file(GATED), part=SuiteSelection(policies))
     plan = make_plan(suite_file(GATED), part=SuiteSelection(policies), require_installed=False)
     assert (plan.suite_hash, plan.episodes) == (NO_POLICY, 0)
+
+
+@pytest.mark.parametrize("own", ["needs: policy", "policies: [oracle]"])
+def test_a_policy_that_is_added_under_a_name_is_played_alone(suite_file, own):
+    entry = PolicyEntry(name="training", kind="random")
+    suite = suite_file(f"name: s\n{own}\ntasks: [null/Reach]\nseeds: {{count: 2}}\n")
+    assert [cell.policy for cell in make_plan(suite, part=SuiteSelection(added=(entry,))).cells] == ["training"]
 
 
 def test_what_is_changed_to_fit_a_policy_is_a_line_each(suite_file):
