@@ -207,6 +207,10 @@ class PolicyKind:
     """For kinds behind a server: asks it what it is. Raises PolicyUnreachable."""
     imports_code: bool = False
     """Whether its options name code of the user, which a plan imports in a process of its own."""
+    address: str = ""
+    """For kinds behind a server: the form of its address, such as `openpi://HOST:PORT`."""
+    needs: str = ""
+    """What it needs besides its address, or ""."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to its meaning. Other options in a suite are errors."""
     modules: tuple[str, ...] = ()

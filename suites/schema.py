@@ -53,7 +53,7 @@ from robogauntlet.suites.resources import Inference, Resources
 from robogauntlet.suites.yaml_file import Place
 
 SHORT_FORMS = {"openpi": "address", "vla-eval": "address", "python": "callable", "lerobot": "checkpoint"}
-"""Kind of policy to the option that may follow it after a colon."""
+"""Kind of policy to the option that may follow it after a colon. Others have an address, `KIND://...`."""
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=MAX_NAME)]
 Names = Annotated[
     tuple[Name, ...], BeforeValidator(lambda value: [value] if isinstance(value, str) else value), Field(min_length=1)
@@ -66,16 +66,18 @@ Mistake = tuple[Place, str]
 def policy_entry(text: str) -> dict[str, Any]:
     """Return the entry of a text: a kind, or a kind with its one option and a name made of both.
 
-    Examples: `oracle`, `openpi://HOST:PORT`, `python:module:Name`.
+    Examples: `oracle`, `openpi://HOST:PORT`, `KIND+http://HOST:PORT`, `python:module:Name`.
     """
-    kind, colon, rest = text.partition(":")
-    if kind in ("ws", "wss") and rest.startswith("//"):
-        kind, rest = "openpi", text
-    if not colon or kind not in SHORT_FORMS or not rest:
+    kind, _, rest = text.partition(":")
+    is_address = rest.startswith("//")
+    if is_address:
+        kind = "openpi" if kind in ("ws", "wss") else kind.partition("+")[0]
+    option = "address" if is_address else SHORT_FORMS.get(kind)
+    if option is None or not kind or not rest:
         return {"name": text, "kind": text}
-    value = text if rest.startswith("//") else rest
+    value = text if is_address else rest
     shown = re.sub("//[^/]*@", "//", text)  # no user or password of an address
-    return {"name": valid_name(shown), "kind": kind, "options": {SHORT_FORMS[kind]: value}}
+    return {"name": valid_name(shown), "kind": kind, "options": {option: value}}
 
 
 def valid_name(text: str) -> str:

@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 22_607,
+    "orchestrator": 22_618,
     "adapters": 8_685,
-    "policies": 7_082,
+    "policies": 7_740,
     "mergevla": 9_389,
     "results": 15_220,
-    "suites": 2_795,
+    "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 49_174,
+    "tests": 49_596,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

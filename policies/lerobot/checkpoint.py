@@ -18,7 +18,7 @@ from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMisma
 from robogauntlet.policies.hub import check_download
 from robogauntlet.policies.lerobot.child import observes_every_step
 from robogauntlet.policies.remote.conversion import MAX_ACTIONS
-from robogauntlet.policies.remote.server_options import CONVENTION_OPTIONS, Convention, Key
+from robogauntlet.policies.remote.server_options import ACTIONS_KEY, CONVENTION_OPTIONS, Convention, Key
 from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.errors import first_line
@@ -42,6 +42,7 @@ OPTIONS = {
     "timeout_s": "seconds to wait for an answer; loading may take ten times as long",
     "variables": "environment variables that it needs, such as [HF_TOKEN]; it gets no other secret",
     **{name: meaning for name, meaning in CONVENTION_OPTIONS.items() if name not in ("instruction", "actions")},
+    "proprioception": "feature of the numbers; null to leave them out",
 }
 """Option to its meaning."""
 
@@ -57,6 +58,7 @@ class LeRobotOptions(Convention):
     cameras: dict[str, Key] = Field(default_factory=dict)
     """Camera to the checkpoint's feature; empty to match them by name."""
     proprioception: Key | None = STATE
+    actions: Key = ACTIONS_KEY
     instruction: None = None
     """LeRobot gets the instruction unchanged."""
 

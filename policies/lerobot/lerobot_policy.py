@@ -17,6 +17,7 @@ from robogauntlet.policies.lerobot import child
 from robogauntlet.policies.lerobot.checkpoint import NAME, Checkpoint
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, images_in
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, array_of
+from robogauntlet.policies.remote.server_options import ACTIONS_KEY
 from robogauntlet.suites.episode import Episode, content_hash
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 from robogauntlet.support.errors import first_line
@@ -97,7 +98,7 @@ class LeRobotPolicy:
         actions = self._process.act(message, arrays)
         self._finished = []
         try:
-            return Decision(decode_chunk(options, {options.actions: actions}))
+            return Decision(decode_chunk(options, {ACTIONS_KEY: actions}))
         except PolicyMismatch as error:
             raise PolicyMismatch(f"policy '{NAME}': {error}") from None
 

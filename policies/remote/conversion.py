@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from PIL import Image as Picture
 
 from robogauntlet.adapters.contract import FloatArray, Image, Observation
 from robogauntlet.policies.contract import PolicyMismatch, Query
@@ -38,26 +37,42 @@ def images_in(message: Mapping[str, Any]) -> dict[str, Image]:
 
 def encode_observation(convention: Convention, observation: Observation, episode: Episode) -> dict[str, Any]:
     """Return an observation in an episode under the server's keys. PolicyMismatch if the convention lacks the task."""
-    # The protocol has mirrored images already, as LIBERO's policies expect them.
-    mirrored = convention.convention == "libero" and episode.protocol.mirrored
-    message: dict[str, Any] = {
-        key: resize_image(convention, turn_image(convention, camera, observation.images[camera], mirrored=mirrored))
-        for camera, key in convention.cameras.items()
-    }
-    if convention.proprioception is not None:
-        state = observation.proprioception
-        if bool(convention.joints) != observation.of_joints or (convention.joints and len(state) != convention.width):
-            wanted = f"{convention.joints} joints" if convention.joints else "a tool that is moved"
-            shown = f"{len(state) - 1} joints" if observation.of_joints else "a tool that is moved"
-            raise PolicyMismatch(f"expected a task with {wanted}, {episode.task} has {shown}; see option joints")
-        if convention.joints:
-            state = _native_joints(convention, state)
-        elif convention.convention == "libero":
-            state = libero.native_proprioception(episode.task, state, observation.hand_quaternion)
-        message[convention.proprioception] = state
+    message: dict[str, Any] = encode_images(convention, observation, episode)
+    message |= encode_proprioception(convention, observation, episode)
     if convention.instruction is not None:
         message[convention.instruction] = observation.instruction
     return message
+
+
+def encode_images(convention: Convention, observation: Observation, episode: Episode) -> dict[str, Image]:
+    """Return an observation's images, (height, width, 3), under the server's keys."""
+    # The protocol has mirrored images already, as LIBERO's policies expect them.
+    mirrored = convention.convention == "libero" and episode.protocol.mirrored
+    return {
+        key: resize_image(convention, turn_image(convention, camera, observation.images[camera], mirrored=mirrored))
+        for camera, key in convention.cameras.items()
+    }
+
+
+def encode_proprioception(convention: Convention, observation: Observation, episode: Episode) -> dict[str, FloatArray]:
+    """Return an observation's proprioception, (n,) under each of the server's keys; none if it is left out.
+
+    Raises PolicyMismatch if the convention lacks the task, or a column is beyond its numbers.
+    """
+    keys, state = convention.proprioception_keys, observation.proprioception
+    if keys is None:
+        return {}
+    if bool(convention.joints) != observation.of_joints or (convention.joints and len(state) != convention.width):
+        wanted = f"{convention.joints} joints" if convention.joints else "a tool that is moved"
+        shown = f"{len(state) - 1} joints" if observation.of_joints else "a tool that is moved"
+        raise PolicyMismatch(f"expected a task with {wanted}, {episode.task} has {shown}; see option joints")
+    if convention.joints:
+        state = _native_joints(convention, state)
+    elif convention.convention == "libero":
+        state = libero.native_proprioception(episode.task, state, observation.hand_quaternion)
+    if beyond := [column for columns in keys.values() for column in columns or () if column >= len(state)]:
+        raise PolicyMismatch(f"option proprioception: expected columns below {len(state)}, got {beyond[0]}")
+    return {key: state if columns is None else state[list(columns)] for key, columns in keys.items()}
 
 
 def _native_joints(convention: Convention, state: FloatArray) -> FloatArray:
@@ -80,6 +95,8 @@ def resize_image(convention: Convention, image: Image) -> Image:
     height, width = convention.image_size if isinstance(convention.image_size, tuple) else (convention.image_size,) * 2
     if image.shape[:2] == (height, width):
         return image
+    from PIL import Image as Picture
+
     picture = Picture.fromarray(image)
     if convention.resize == "stretch":
         return np.asarray(picture.resize((width, height), Picture.Resampling.BILINEAR))
@@ -142,17 +159,18 @@ def as_axis_angles(convention: Convention, rotations: FloatArray) -> FloatArray:
     return Rotation.from_quat(rotations, scalar_first=convention.rotation.endswith("wxyz")).as_rotvec()
 
 
-def read_chunk(answer: Mapping[str, Any], key: str, width: int, *, exactly: bool) -> FloatArray:
-    """Return the finite array (n, width or more) under a key of an answer, float64; else raise PolicyMismatch."""
-    if key not in answer:
-        keys = visible(", ".join(sorted(map(str, answer)))[:200]) or "nothing"
-        raise PolicyMismatch(f"expected '{key}' in the answer, got {keys}; set option actions")
-    try:
-        rows = np.asarray(answer[key])
-    except ValueError:
-        rows = np.empty(0, dtype=object)
-    if rows.dtype.kind not in "iuf":
-        raise PolicyMismatch(f"expected numbers as '{key}', got {type(answer[key]).__name__} of type {rows.dtype}")
+def read_chunk(answer: Mapping[str, Any], keys: str | Sequence[str], width: int, *, exactly: bool) -> FloatArray:
+    """Return the finite array (n, width or more) under a key of an answer, or under several, side by side, float64.
+
+    Raises PolicyMismatch for anything else.
+    """
+    parts = {key: _numbers(answer, key) for key in ([keys] if isinstance(keys, str) else keys)}
+    key, rows = ", ".join(parts), next(iter(parts.values()))
+    if len(parts) > 1:
+        if {(part.ndim, part.shape[:1]) for part in parts.values()} != {(2, rows.shape[:1])}:
+            shapes = ", ".join(f"{name} {part.shape}" for name, part in parts.items())
+            raise PolicyMismatch(f"expected chunks of shape (n, columns) with one n, got {shapes[:200]}")
+        rows = np.concatenate([*parts.values()], axis=1)
     fits = rows.ndim == 2 and (rows.shape[1] == width if exactly else rows.shape[1] >= width)
     if not fits or not 1 <= len(rows) <= MAX_ACTIONS:
         wanted = f"{width}" if exactly else f"{width} or more"
@@ -167,3 +185,16 @@ def read_chunk(answer: Mapping[str, Any], key: str, width: int, *, exactly: bool
             f"expected finite numbers as '{key}', got {rows[row, column]} in row {row}, column {column}"
         )
     return rows
+
+
+def _numbers(answer: Mapping[str, Any], key: str) -> np.ndarray:
+    if key not in answer:
+        keys = visible(", ".join(sorted(map(str, answer)))[:200]) or "nothing"
+        raise PolicyMismatch(f"expected '{key}' in the answer, got {keys}; set option actions")
+    try:
+        numbers = np.asarray(answer[key])
+    except ValueError:
+        numbers = np.empty(0, dtype=object)
+    if numbers.dtype.kind not in "iuf":
+        raise PolicyMismatch(f"expected numbers as '{key}', got {type(answer[key]).__name__} of type {numbers.dtype}")
+    return numbers

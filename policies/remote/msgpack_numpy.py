@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgpack
@@ -57,15 +57,16 @@ def pack(message: Mapping[str, Any]) -> bytes:
     return packed
 
 
-def unpack(frame: bytes) -> Any:
+def unpack(frame: bytes, read_mapping: Callable[[dict[Any, Any]], Any] | None = None) -> Any:
     """Return the message in a frame. Arrays are new and can be written to.
 
+    `read_mapping` makes a value of each mapping, the innermost first; by default it reads this protocol's arrays.
     Raises PackingError if the frame is not msgpack, has more than MAX_VALUES values or MAX_DEPTH levels, or an array's
     type and shape do not fit its bytes.
     """
     _check_size(frame)
     try:
-        return msgpack.unpackb(frame, object_hook=_unpacked, ext_hook=_refuse, strict_map_key=True)
+        return msgpack.unpackb(frame, object_hook=read_mapping or _unpacked, ext_hook=_refuse, strict_map_key=True)
     except PackingError:
         raise
     except msgpack.exceptions.ExtraData as error:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robogauntlet.adapters.contract import ACTION_DIM, Image
+from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote.connection import packed
 from robogauntlet.policies.remote.conversion import (
@@ -21,12 +21,12 @@ from robogauntlet.policies.remote.conversion import (
 )
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.protocol import Greeting, as_message, greeting_in, routing_in
-from robogauntlet.policies.remote.remote_policy import ConnectionLost, RemotePolicy
+from robogauntlet.policies.remote.remote_policy import ConnectionLost, WebsocketPolicy
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, ServerOptions
 from robogauntlet.suites.episode import Episode
 
 
-class OpenpiPolicy(RemotePolicy):
+class OpenpiPolicy(WebsocketPolicy):
     """Asks a server of openpi's protocol, one query at a time. Deterministic if the server is."""
 
     expected = "metadata on connection, as openpi's servers send"
@@ -39,8 +39,7 @@ class OpenpiPolicy(RemotePolicy):
         self._finished: list[str] = []
         super().__init__(options)
         execute = options.execute or MAX_ACTIONS
-        numbers = options.width if options.joints else ACTION_DIM
-        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, numbers, tuple(options.cameras))
+        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, options.action_dim, tuple(options.cameras))
         if options.identity is None and self._greeting is not None and options.is_plain:
             self.spec = self._greeting.spec
 

@@ -1,35 +1,34 @@
-"""The policy kinds behind a server, one for each protocol. Light: the websocket client is imported on first use."""
+"""The policy kinds behind a server, a line for each protocol. Their files are light: a transport is imported on use."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
-from robogauntlet.policies.contract import Contact, PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
-from robogauntlet.policies.remote.server_options import ServerOptions, VlaEvalOptions, options_of, read_options
-
-if TYPE_CHECKING:
-    from robogauntlet.policies.remote.openpi import OpenpiPolicy
-    from robogauntlet.policies.remote.vla_eval import VlaEvalPolicy
-
-    ServerPolicy = OpenpiPolicy | VlaEvalPolicy
+from robogauntlet.policies.contract import Contact, Policy, PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
+from robogauntlet.policies.remote.gr00t import Gr00tOptions, Gr00tPolicy
+from robogauntlet.policies.remote.openpi import OpenpiPolicy
+from robogauntlet.policies.remote.server_options import ServerOptions, options_of, read_options
+from robogauntlet.policies.remote.vla_eval import VlaEvalOptions, VlaEvalPolicy
 
 
-def _openpi(options: ServerOptions) -> OpenpiPolicy:
-    from robogauntlet.policies.remote.openpi import OpenpiPolicy
+class ServerPolicy(Policy, Protocol):
+    """A policy behind a server, see `RemotePolicy`."""
 
-    return OpenpiPolicy(options)
+    def digest(self) -> str:
+        """Return the hash of the policy's content."""
+
+    def contact(self, options: Mapping[str, Any]) -> Contact:
+        """Connect, and return what the server says of itself."""
+
+    def close(self) -> None:
+        """Close the connection."""
 
 
-def _vla_eval(options: ServerOptions) -> VlaEvalPolicy:
-    from robogauntlet.policies.remote.vla_eval import VlaEvalPolicy
-
-    return VlaEvalPolicy(options)
-
-
-def _kind(kind: type[ServerOptions], summary: str, connect: Callable[[ServerOptions], ServerPolicy]) -> PolicyKind:
+def _kind(kind: type[ServerOptions], connect: Callable[[Any], ServerPolicy], summary: str) -> PolicyKind:
     name = kind.PROTOCOL
+    install = f"pip install 'robogauntlet[{kind.EXTRA}]'" if kind.EXTRA else "pip install websockets msgpack"
 
     def load(options: Mapping[str, Any]) -> ServerPolicy:
         server_options = read_options(options, kind)
@@ -37,7 +36,7 @@ def _kind(kind: type[ServerOptions], summary: str, connect: Callable[[ServerOpti
             return connect(server_options)
         except ModuleNotFoundError as error:
             raise PolicyNotInstalled(
-                f"policy '{name}': not installed (no module {error.name}); install it: pip install websockets msgpack"
+                f"policy '{name}': not installed (no module {error.name}); install it: {install}"
             ) from None
 
     def digest(options: Mapping[str, Any]) -> str:
@@ -69,9 +68,12 @@ def _kind(kind: type[ServerOptions], summary: str, connect: Callable[[ServerOpti
         spec=spec,
         wishes=wishes,
         contact=contact,
+        address=kind.FORM,
+        needs=", ".join([install] * bool(kind.EXTRA) + ["option convention, or one for each unit"] * kind.ASKS_UNITS),
         options=options_of(kind),
     )
 
 
-KIND = _kind(ServerOptions, "a policy behind a websocket, in openpi's protocol", _openpi)
-VLA_EVAL = _kind(VlaEvalOptions, "a policy behind a model server of vla-evaluation-harness", _vla_eval)
+KIND = _kind(ServerOptions, OpenpiPolicy, "a policy behind a websocket, in openpi's protocol")
+VLA_EVAL = _kind(VlaEvalOptions, VlaEvalPolicy, "a policy behind a model server of vla-evaluation-harness")
+GR00T = _kind(Gr00tOptions, Gr00tPolicy, "a policy behind a policy server of Isaac GR00T, N1.6 or newer")

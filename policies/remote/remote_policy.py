@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robogauntlet.policies.contract import Contact, PolicyError
-from robogauntlet.policies.remote.connection import Opening, ServerConnection
+from robogauntlet.policies.remote.connection import ServerConnection
 from robogauntlet.policies.remote.server_options import ServerOptions
 from robogauntlet.suites.episode import content_hash
+
+if TYPE_CHECKING:
+    from robogauntlet.policies.remote.websocket import WebsocketConnection
 
 
 class ConnectionLost(Exception):
@@ -19,11 +22,6 @@ class ConnectionLost(Exception):
 
 class RemotePolicy:
     """Base of the policies behind a server; each protocol has its own."""
-
-    expected = ""
-    """What a server of the protocol sends first."""
-    hello: bytes | None = None
-    """What a client of the protocol sends before."""
 
     def __init__(self, options: ServerOptions) -> None:
         """Connect, unless `options.identity` names the policy."""
@@ -66,7 +64,8 @@ class RemotePolicy:
         return f"policy server {self._options.address}"
 
     def _new_connection(self) -> ServerConnection:
-        return ServerConnection(self._options, Opening(self.expected, self._accept, self.hello))
+        """Return a connection that hands `_accept` what the server says of itself."""
+        raise NotImplementedError
 
     def _read_metadata(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the metadata in a server's first message. Raises PolicyError for a server that cannot be asked."""
@@ -92,6 +91,20 @@ class RemotePolicy:
                 "give another checkpoint another identity"
             )
         self._metadata_hash = found
+
+
+class WebsocketPolicy(RemotePolicy):
+    """Base of the policies behind a websocket."""
+
+    expected = ""
+    """What a server of the protocol sends first."""
+    hello: bytes | None = None
+    """What a client of the protocol sends before."""
+
+    def _new_connection(self) -> WebsocketConnection:
+        from robogauntlet.policies.remote.websocket import Opening, WebsocketConnection  # takes 0.1 s
+
+        return WebsocketConnection(self._options, Opening(self.expected, self._accept, self.hello))
 
 
 def plain(value: Any) -> Any:

@@ -29,6 +29,8 @@ class WireProtocol(StrEnum):
     VLA_EVAL = "vla-eval"
 
 
+ENCRYPTED = ("wss", "https")
+"""Schemes over which a token may leave this machine."""
 _TOKEN_VARIABLE = re.compile(rf"{POLICY_TOKEN}(_[A-Z0-9_]{{1,60}})?")
 CAMERA_KEYS = dict(zip(CAMERAS, ("observation/image", "observation/wrist_image"), strict=True))
 STATE_KEY, INSTRUCTION_KEY, ACTIONS_KEY = "observation/state", "prompt", "actions"
@@ -37,6 +39,7 @@ VLA_EVAL_STATE, VLA_EVAL_INSTRUCTION = "state", "task_description"
 Key = Annotated[str, Field(min_length=1, max_length=200)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
+Column = Annotated[int, Field(strict=True, ge=0, le=255)]
 
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
@@ -48,6 +51,8 @@ TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down":
 """Name of a turn to the strides through an image's rows and columns."""
 OF_TOOLS = {"translation_scale", "rotation", "rotation_scale"}
 """Options that have no meaning for joints."""
+UNITS = ("translation_scale", "rotation", "rotation_scale", "gripper_open", "gripper_closed")
+"""Options that say what the numbers of a moved tool mean."""
 GRIPPER_RANGE = {"gripper_open", "gripper_closed"}
 """Options without a default beside joints."""
 
@@ -64,6 +69,27 @@ def _turns(value: object) -> object:
     return turns if len(set(turns.values())) > 1 else turns[CAMERAS[0]]  # one hash for one meaning
 
 
+def _state_keys(value: object) -> object:
+    """A key, or key to columns. Raises ValueError for another."""
+    columns = [*value.values()] if isinstance(value, Mapping) else []
+    sound = bool(columns) and all(isinstance(own, list | tuple) and own for own in columns)
+    if not isinstance(value, str | None) and not (sound and {type(one) for own in columns for one in own} == {int}):
+        raise ValueError(f"expected a key, or keys with columns such as {{state: [0, 1]}}, got {reprlib.repr(value)}")
+    return value
+
+
+def _chunk_keys(value: object) -> object:
+    """A key, or a list of keys. Raises ValueError for another."""
+    keys = [value] if isinstance(value, str) else value
+    if not isinstance(keys, list | tuple) or not keys or len({*map(str, keys)}) < len(keys):
+        raise ValueError(f"expected a key, or a list of different keys, got {reprlib.repr(value)}")
+    return value
+
+
+StateKeys = Annotated[Key | dict[Key, tuple[Column, ...]] | None, BeforeValidator(_state_keys)]
+ChunkKeys = Annotated[Key | tuple[Key, ...], BeforeValidator(_chunk_keys)]
+
+
 class Convention(BaseModel):
     """Conversion of observations for an external policy, and of its answers.
 
@@ -77,8 +103,9 @@ class Convention(BaseModel):
     so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers"""
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """camera to the server's key"""
-    proprioception: Key | None = STATE_KEY
-    """key of the eight numbers, or of joints and gripper; null to leave them out"""
+    proprioception: StateKeys = STATE_KEY
+    """key of the eight numbers, or of joints and gripper; or several keys, each with the columns that it gets; null to
+    leave them out"""
     instruction: Key | None = INSTRUCTION_KEY
     """key of the goal in words; null to leave it out"""
     image_size: Size | tuple[Size, Size] | None = None
@@ -88,9 +115,9 @@ class Convention(BaseModel):
     turn: Annotated[str | dict[str, str], BeforeValidator(_turns)] = "none"
     """none, half (180 degrees), left-right or upside-down: how images are turned before they are resized and sent; or
     one for each camera, such as {third_person: left-right, wrist: none}"""
-    actions: Key = ACTIONS_KEY
-    """key of the chunk in the answer"""
-    columns: tuple[Annotated[int, Field(strict=True, ge=0, le=255)] | None, ...] | None = None
+    actions: ChunkKeys = ACTIONS_KEY
+    """key of the chunk in the answer, or a list of keys whose columns are put side by side"""
+    columns: tuple[Column | None, ...] | None = None
     """columns of the answer for dx dy dz rx ry rz gripper (with a quaternion four, not three), or joints and gripper;
     null for 0"""
     translation_scale: float = 1.0
@@ -119,9 +146,9 @@ class Convention(BaseModel):
         unknown = [camera for camera in self.cameras if camera not in CAMERAS]
         if unknown or not (self.cameras or "cameras" not in self.model_fields_set):
             raise ValueError(f"cameras: expected some of {', '.join(CAMERAS)}, got {', '.join(unknown) or 'none'}")
-        keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
-        if len(set(keys)) < len(keys):
-            raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
+        for keys in self._keys_beside_each_other():
+            if len(set(keys)) < len(keys):
+                raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
         joints = self.width - 1 if self.has_joints else 0
         if self.columns is not None and len(self.columns) != self.width:
             kind = (
@@ -147,6 +174,26 @@ class Convention(BaseModel):
         if self.joints and (missing := sorted(GRIPPER_RANGE - self.model_fields_set)):
             raise ValueError(f"expected {' and '.join(missing)} beside joints, whose gripper has no common range")
         return self
+
+    def _keys_beside_each_other(self) -> list[list[str]]:
+        """The keys of what is sent, in lists of which each must have no key twice."""
+        state = self.proprioception_keys or {}
+        return [[*self.cameras.values(), *state, *filter(None, [self.instruction])]]
+
+    @property
+    def proprioception_keys(self) -> Mapping[str, tuple[int, ...] | None] | None:
+        """Key to the columns of the proprioception that it gets, None for all of them; None if none is sent."""
+        return {self.proprioception: None} if isinstance(self.proprioception, str) else self.proprioception
+
+    def unsaid(self) -> list[str]:
+        """Return the options that say what the answer's numbers mean and are left to their defaults.
+
+        A protocol that does not say it either refuses to guess, as wrong ones raise no error.
+        """
+        if self.joints or "convention" in self.model_fields_set:
+            return []
+        names = [name for name in UNITS if name != "rotation_scale" or not self.turns_by_quaternion]
+        return [name for name in names if name not in self.model_fields_set]
 
     def resolved(self) -> Self:
         """Return a copy with the options that its convention sets."""
@@ -183,6 +230,11 @@ class Convention(BaseModel):
         return self.rotation.startswith("quaternion")
 
     @property
+    def action_dim(self) -> int:
+        """Numbers of an action, as a task accepts them."""
+        return self.width if self.joints else ACTION_DIM
+
+    @property
     def width(self) -> int:
         """Number of columns that are read of an answer's row."""
         if self.has_joints:
@@ -194,7 +246,24 @@ class ServerOptions(Convention):
     """The options of a policy behind a server: those of the kind `openpi`."""
 
     PROTOCOL: ClassVar[str] = WireProtocol.OPENPI.value
-    """The kind, and the scheme of its addresses."""
+    """The kind, with which its addresses begin."""
+    FORM: ClassVar[str] = "openpi://HOST:PORT"
+    """The form of an address."""
+    SCHEMES: ClassVar[Mapping[str, str]] = {"ws": "ws", "wss": "wss"}
+    """Scheme of an address to that under which it is kept; an address without one has the first."""
+    PATH: ClassVar[str | None] = ""
+    """The path of an address without one; None if no address has one."""
+    EXTRA: ClassVar[str] = ""
+    """The extra of RoboGauntlet that installs what it needs, or ""."""
+    ASKS_UNITS: ClassVar[bool] = False
+    """Whether units are asked for that neither the server nor an option says, see `unsaid`."""
+    TRANSPORT: ClassVar[tuple[str, ...]] = (
+        *("connect_timeout_s", "timeout_s", "retries"),
+        *("token_variable", "token_scheme"),
+    )
+    """Options that do not decide how the policy acts."""
+    UNUSED: ClassVar[frozenset[str]] = frozenset()
+    """Options of other protocols that have no meaning in this one."""
 
     address: str
     """ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT; HOST:PORT alone means ws"""
@@ -216,20 +285,22 @@ class ServerOptions(Convention):
 
     @field_validator("address")
     @classmethod
-    def _websocket(cls, value: str) -> str:
+    def _whole(cls, value: str) -> str:
+        first = next(iter(cls.SCHEMES))
         scheme, separator, rest = value.partition("://")
         if not separator:
-            scheme, rest = "ws", value
-        scheme = "ws" if scheme == cls.PROTOCOL else scheme
+            scheme, rest = first, value
+        scheme = cls.SCHEMES.get(first if scheme == cls.PROTOCOL else scheme, "")
         try:
             parts = urlsplit(f"{scheme}://{rest}")
-            sound = scheme in ("ws", "wss") and bool(parts.hostname) and parts.port != 0 and parts.username is None
+            sound = scheme != "" and bool(parts.hostname) and parts.port != 0 and parts.username is None
+            sound = sound and (cls.PATH is not None or (parts.port is not None and parts.path + parts.query == ""))
         except ValueError:
             sound = False
         if not sound or any(character.isspace() for character in value):
             shown = "one with a user or password" if "@" in value else f"'{value}'"
-            raise ValueError(f"expected ws://HOST:PORT, got {shown}")
-        return f"{scheme}://{rest}"
+            raise ValueError(f"expected {cls.FORM}, got {shown}")
+        return f"{scheme}://{rest}" + ("" if parts.path or cls.PATH is None else cls.PATH)
 
     @field_validator("token_variable")
     @classmethod
@@ -242,18 +313,20 @@ class ServerOptions(Convention):
     @model_validator(mode="after")
     def _kept_secret(self) -> Self:
         address = urlsplit(self.address)
-        if self.token_variable is not None and address.scheme != "wss" and not is_loopback(address.hostname or ""):
-            raise ValueError(f"token_variable: a token is sent over wss:// or to this machine only, got {self.address}")
+        safe = address.scheme in ENCRYPTED or is_loopback(address.hostname or "")
+        if self.token_variable is not None and not safe:
+            over = "".join(f"over {scheme}:// or " for scheme in ENCRYPTED if scheme in self.SCHEMES.values())
+            raise ValueError(f"token_variable: a token is sent {over}to this machine only, got {self.address}")
         return self
 
     @property
     def is_plain(self) -> bool:
         """Whether no option of the convention is given, so that RoboGauntlet's own server needs no conversion."""
-        return not self.model_fields_set - (_WHO | {*_TRANSPORT})
+        return not self.model_fields_set - {*_WHO, *self.TRANSPORT}
 
     def declaration(self) -> dict[str, Any]:
         """Return the options that decide how the policy acts, all but its address and time limits, as plain values."""
-        options = self.model_dump(mode="json", exclude=_WHO | {*_TRANSPORT})
+        options = self.model_dump(mode="json", exclude={*_WHO, *self.TRANSPORT})
         return {name: value for name, value in options.items() if (name, value) not in _ADDED_DEFAULTS}
 
     def digest(self, who: object) -> str:
@@ -261,25 +334,7 @@ class ServerOptions(Convention):
         return content_hash({"policy": self.PROTOCOL, "card": self.declaration(), "who": who})
 
 
-class VlaEvalOptions(ServerOptions):
-    """The options of the kind `vla-eval`. The server's specs say those that are not given, where they can."""
-
-    PROTOCOL: ClassVar[str] = WireProtocol.VLA_EVAL.value
-
-    address: str
-    """vla-eval://HOST:PORT, or ws:// or wss://"""
-    cameras: dict[str, Key] = Field(default=VLA_EVAL_CAMERAS)
-    """camera to its name among the images; by default the wrist is sent if the server asks for it"""
-    proprioception: Key | None = VLA_EVAL_STATE
-    """key of the eight numbers, or of joints and gripper; by default they are sent if the server asks for them"""
-    instruction: Key | None = VLA_EVAL_INSTRUCTION
-    """key of the goal in words; null to leave it out"""
-    execute: Annotated[int, Field(strict=True, ge=1, le=1)] | None = 1
-    """1: the server keeps the chunk, and is asked at each control step"""
-
-
 _WHO = {"address", "identity", "expected_metadata"}
-_TRANSPORT = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
 _ADDED_DEFAULTS = (
     *(("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle")),
     *(("joints", None), ("joint_scale", 1.0)),
@@ -291,7 +346,8 @@ CONVENTION_OPTIONS = {name: field.description or "" for name, field in Conventio
 def options_of(kind: type[ServerOptions]) -> dict[str, str]:
     """Return option to meaning."""
     fields = kind.model_fields.items()
-    return {name: field.description or "" for name, field in fields if name != "expected_metadata"}
+    left_out = {"expected_metadata", *kind.UNUSED}
+    return {name: field.description or "" for name, field in fields if name not in left_out}
 
 
 def read_options(options: Mapping[str, Any], kind: type[ServerOptions] = ServerOptions) -> ServerOptions:

@@ -5,38 +5,72 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
-from robogauntlet.adapters.contract import ACTION_DIM, Image
+from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
-from robogauntlet.policies.remote.connection import MAX_ERROR_LENGTH, ServerConnection, packed
+from robogauntlet.policies.remote.connection import MAX_ERROR_LENGTH, error_text, packed
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, images_in
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
-from robogauntlet.policies.remote.remote_policy import ConnectionLost, RemotePolicy
-from robogauntlet.policies.remote.server_options import ServerOptions
+from robogauntlet.policies.remote.remote_policy import ConnectionLost, WebsocketPolicy
+from robogauntlet.policies.remote.server_options import (
+    ACTIONS_KEY,
+    VLA_EVAL_CAMERAS,
+    VLA_EVAL_INSTRUCTION,
+    VLA_EVAL_STATE,
+    Key,
+    ServerOptions,
+    WireProtocol,
+)
 from robogauntlet.policies.remote.vla_eval_messages import Kind, check_version, hello_frame, message_of, received
 from robogauntlet.policies.remote.vla_eval_specs import fitted
 from robogauntlet.suites.episode import Episode
-from robogauntlet.support.errors import last_line
 from robogauntlet.support.text import visible
+
+if TYPE_CHECKING:
+    from robogauntlet.policies.remote.websocket import WebsocketConnection
+
+
+class VlaEvalOptions(ServerOptions):
+    """The options of the kind `vla-eval`. The server's specs say those that are not given, where they can."""
+
+    PROTOCOL: ClassVar[str] = WireProtocol.VLA_EVAL.value
+    FORM: ClassVar[str] = "vla-eval://HOST:PORT"
+    ASKS_UNITS: ClassVar[bool] = True
+
+    address: str
+    """vla-eval://HOST:PORT, or ws:// or wss://"""
+    cameras: dict[str, Key] = Field(default=VLA_EVAL_CAMERAS)
+    """camera to its name among the images; by default the wrist is sent if the server asks for it"""
+    proprioception: Key | None = VLA_EVAL_STATE
+    """key of the eight numbers, or of joints and gripper; by default they are sent if the server asks for them"""
+    instruction: Key | None = VLA_EVAL_INSTRUCTION
+    """key of the goal in words; null to leave it out"""
+    actions: Key = ACTIONS_KEY
+    """key of the action in the answer"""
+    execute: Annotated[int, Field(strict=True, ge=1, le=1)] | None = 1
+    """1: the server keeps the chunk, and is asked at each control step"""
 
 
 @dataclass
 class _Session:
     """An episode on the server."""
 
-    connection: ServerConnection
+    connection: WebsocketConnection
     number: int | None = None
     """That of the connection on which the episode began; None before its first answer."""
 
 
-class VlaEvalPolicy(RemotePolicy):
+class VlaEvalPolicy(WebsocketPolicy):
     """Asks a model server for one action at each control step. Deterministic if the server is."""
 
     expected = "the HELLO of a model server of vla-evaluation-harness"
     hello = hello_frame()
+
+    _connection: WebsocketConnection
 
     def __init__(self, options: ServerOptions) -> None:
         """Connect, unless `options.identity` names the policy."""
@@ -47,8 +81,7 @@ class VlaEvalPolicy(RemotePolicy):
         super().__init__(options)
         self._free = [self._connection]
         """Connections without an episode."""
-        numbers = options.width if options.joints else ACTION_DIM
-        self.spec = PolicySpec(PolicyInput.OBSERVATION, 1, numbers, tuple(options.cameras))
+        self.spec = PolicySpec(PolicyInput.OBSERVATION, 1, options.action_dim, tuple(options.cameras))
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes; the server is told with their first query."""
@@ -151,8 +184,7 @@ class VlaEvalPolicy(RemotePolicy):
         payload, got = message.get("payload"), message.get("type")
         if got == Kind.ERROR:
             text = payload.get("error") if isinstance(payload, dict) else payload
-            shown = visible(last_line(str(text)[-10 * MAX_ERROR_LENGTH :]))[:MAX_ERROR_LENGTH]
-            raise PolicyError(f"{self._server}: expected an answer, got an error: {shown}")
+            raise PolicyError(f"{self._server}: expected an answer, got an error: {error_text(text)}")
         if got != kind or not isinstance(payload, dict):
             shown = visible(f"'{got}' with {type(payload).__name__}")[:MAX_ERROR_LENGTH]
             raise PolicyError(f"{self._server}: expected a message '{kind}' with a mapping, got {shown}")
@@ -161,6 +193,7 @@ class VlaEvalPolicy(RemotePolicy):
     def _chunk(self, action: Mapping[str, Any]) -> dict[str, Any]:
         """Return an action as a chunk of one, under the key of the options."""
         key = self._fitted.actions
+        assert isinstance(key, str)
         if key not in action and "action" not in action:
             return dict(action)
         value = received(action.get(key, action.get("action")))

@@ -32,8 +32,6 @@ PARTS: Mapping[str, Mapping[str, tuple[int, Mapping[str, Any]]]] = {
 }
 """Part of an action, in their order, to the formats that can be converted, with their numbers and the options that they
 say."""
-UNITS = ("translation_scale", "rotation", "rotation_scale", "gripper_open", "gripper_closed")
-"""Options that a specification or the user says, as wrong ones raise no error."""
 BY_USER = {"rotation": {"rotation"}, "gripper": {"gripper_open", "gripper_closed"}}
 """Part to the options with which the user says what it means, in place of its format."""
 TARGETS = ("joint_positions", "joint_pos_abs")
@@ -97,9 +95,7 @@ def _of_tool(options: ServerOptions, action: Mapping[str, _Part]) -> ServerOptio
             raise PolicyMismatch(f"expected {name} as {wanted}, got {part}, which cannot be converted")
         stated |= says
     found = options.model_copy(update={name: value for name, value in stated.items() if name not in given})
-    units = [name for name in UNITS if name != "rotation_scale" or not found.turns_by_quaternion]
-    missing = [name for name in units if name not in found.model_fields_set]
-    if missing and "convention" not in given:
+    if missing := found.unsaid():
         raise PolicyMismatch(
             f"its action_spec does not say {', '.join(missing)}; give each by an option, or all by option convention"
         )

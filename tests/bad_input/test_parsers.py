@@ -46,7 +46,7 @@ CONDITIONS = {
 }
 REFERENCES = {
     "randm": "got 'randm'; did you mean 'random'?",
-    "nowhere/checkpoint": "expected openpi://HOST:PORT, vla-eval://HOST:PORT, python:MODULE:NAME",
+    "nowhere/checkpoint": "expected openpi://HOST:PORT or another server's address (robogauntlet list",
     "text": "expected openpi://HOST:PORT",
     "notes": "got 'notes', a folder without a checkpoint: no kind of policy knows what is in it",
     "http://127.0.0.1:1": "got 'http://127.0.0.1:1'; did you mean 'openpi://127.0.0.1:1'?",
@@ -59,13 +59,14 @@ REFERENCES = {
     "python:json:decoder:x": "expected python:MODULE:NAME, or option callable: MODULE:NAME, got 'json:decoder:x'",
     "python:../x:Policy": "expected python:MODULE:NAME, or option callable: MODULE:NAME, got '../x:Policy'",
     "openpi:": "got 'openpi:'; did you mean 'openpi'?",
-    "vla-eval://": "address: expected ws://HOST:PORT, got",
-    "vla-eval:openpi://host:1": "address: expected ws://HOST:PORT, got",
-    "openpi://": "address: expected ws://HOST:PORT, got",
-    "openpi://host:port": "address: expected ws://HOST:PORT, got",
-    "openpi://host:99999": "address: expected ws://HOST:PORT, got",
-    "openpi:http://host:1": "address: expected ws://HOST:PORT, got",
-    f"openpi://u:{SECRET}@host:1": "address: expected ws://HOST:PORT, got",
+    "vla-eval://": "address: expected vla-eval://HOST:PORT, got",
+    "gr00t://host": "address: expected gr00t://HOST:PORT, got",
+    "vla-eval:openpi://host:1": "address: expected vla-eval://HOST:PORT, got",
+    "openpi://": "address: expected openpi://HOST:PORT, got",
+    "openpi://host:port": "address: expected openpi://HOST:PORT, got",
+    "openpi://host:99999": "address: expected openpi://HOST:PORT, got",
+    "openpi:http://host:1": "address: expected openpi://HOST:PORT, got",
+    f"openpi://u:{SECRET}@host:1": "address: expected openpi://HOST:PORT, got",
 }
 OPTIONS = {
     "seed": "--option: expected NAME=VALUE, got 'seed'",

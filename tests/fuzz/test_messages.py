@@ -2,12 +2,17 @@
 
 from dataclasses import replace
 
+import msgpack
 import numpy as np
 from hypothesis import example
 from hypothesis import strategies as st
 
 from robogauntlet.policies.contract import PolicyMismatch
 from robogauntlet.policies.remote.conversion import decode_chunk
+from robogauntlet.policies.remote.gr00t import Gr00tOptions
+from robogauntlet.policies.remote.gr00t_modalities import fitted as gr00t_fitted
+from robogauntlet.policies.remote.gr00t_modalities import modalities_in
+from robogauntlet.policies.remote.gr00t_wire import read_message
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack
 from robogauntlet.policies.remote.protocol import (
     as_message,
@@ -19,12 +24,14 @@ from robogauntlet.policies.remote.protocol import (
     query_in,
     routing_in,
 )
-from robogauntlet.policies.remote.server_options import Convention, VlaEvalOptions
+from robogauntlet.policies.remote.server_options import Convention
+from robogauntlet.policies.remote.vla_eval import VlaEvalOptions
 from robogauntlet.policies.remote.vla_eval_messages import Kind, message_of
 from robogauntlet.policies.remote.vla_eval_server import query_of, task_and_convention
 from robogauntlet.policies.remote.vla_eval_specs import fitted
 from tests.fuzz.damage import damaged_bytes, damaged_value, fuzzed, in_one_line
 from tests.fuzz.example_messages import ANSWER, POLICY, QUERY
+from tests.policies.remote.gr00t_server import LIBERO, N16, N17
 
 HELLO = {
     "action_spec": {"position": {"dims": 3, "format": "delta_xyz"}, "gripper": {"dims": 1, "format": "raw"}},
@@ -39,6 +46,8 @@ SHOWN = {
     "task_description": _SEEN.instruction,
 }
 EPISODE = message_of(Kind.OBSERVATION, {"task": TASK, "seen": SHOWN}, 1)["payload"]
+CHUNK = {"x": np.zeros((1, 4, 1), np.float32)}
+GR00T_FRAMES = [msgpack.packb([CHUNK, {}], default=writes.array) for writes in (N16, N17)]
 GREETING = as_metadata(greeting_of(POLICY, "0123456789abcdef"))
 MESSAGE = as_message(QUERY, ["an-episode"])
 CONVENTIONS = (
@@ -92,6 +101,17 @@ def test_a_damaged_episode_of_a_benchmark(damaged):
         query_of(seen if isinstance(seen, dict) else {}, episode, 0, POLICY.spec, convention)
 
     refusable(read)
+
+
+@fuzzed(st.sampled_from(GR00T_FRAMES).flatmap(damaged_bytes))
+def test_a_damaged_frame_of_a_gr00t_server(damaged):
+    refusable(lambda: read_message(damaged))
+
+
+@fuzzed(damaged_value({name: {"__ModalityConfig__": True, "as_json": config} for name, config in LIBERO.items()}))
+def test_damaged_modalities_of_a_gr00t_server(damaged):
+    options = Gr00tOptions(address="a:1", convention="libero")
+    refusable(lambda: gr00t_fitted(options, modalities_in(damaged)))
 
 
 def read_as_client(content):

@@ -15,6 +15,7 @@ from tests.errors import one_line_error
         ("python:brain.arm:act", "python-brain.arm-act", "python", {"callable": "brain.arm:act"}),
         ("openpi://gpu:8000", "openpi-gpu-8000", "openpi", {"address": "openpi://gpu:8000"}),
         ("vla-eval://gpu:8000", "vla-eval-gpu-8000", "vla-eval", {"address": "vla-eval://gpu:8000"}),
+        ("gr00t://gpu:5555", "gr00t-gpu-5555", "gr00t", {"address": "gr00t://gpu:5555"}),
         ("lerobot:/data/act", "lerobot-data-act", "lerobot", {"checkpoint": "/data/act"}),
         ("zoo:merged", "zoo-merged", "mergevla-merged", {"checkpoint": "zoo:merged"}),
         ("zoo:experts", "zoo-experts", "mergevla-experts", {"folder": "zoo:experts"}),
@@ -44,7 +45,7 @@ def test_a_folder_of_a_checkpoint_is_a_policy(tmp_path):
 
 @pytest.mark.parametrize("text", ["orcale", "no/such/folder", "python:"])
 def test_a_text_that_names_no_policy_is_one_line(text):
-    with one_line_error(BadInput, f"expected openpi://HOST:PORT, .* a kind of policy; got '{text}'"):
+    with one_line_error(BadInput, f"expected openpi://HOST:PORT or .* a kind of policy; got '{text}'"):
         read_reference(text)
 
 

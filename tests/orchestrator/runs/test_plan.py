@@ -94,7 +94,7 @@ def test_every_unusable_policy_is_named_with_its_line(suite_file):
         (problem.line, problem.message.partition(";")[0].partition(" in '")[0]) for problem in refused.value.problems
     ] == [
         (4, "policy 'python-no_such_module-act': expected a module 'no_such_module'"),
-        (5, "policy 'mine': address: expected ws://HOST:PORT, got 'http://host'"),
+        (5, "policy 'mine': address: expected openpi://HOST:PORT, got 'http://host'"),
     ]
 
 

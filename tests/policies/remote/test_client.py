@@ -21,11 +21,12 @@ CHUNK = {"actions": np.linspace(-0.5, 0.5, 70).reshape(10, 7)}
 QUICK = {"timeout_s": 2.0, "connect_timeout_s": 1.0, "retries": 1}
 
 
-def query(step=0, seed=0):
-    episode = Episode("pi0", "digest", "null/Reach", seed, Protocol(60, 8, View(image_size=32)))
+def query(step=0, seed=0, task="null/Reach", joints=0):
+    episode = Episode("pi0", "digest", task, seed, Protocol(60, 8, View(image_size=32)))
     generator = np.random.default_rng(seed)
     images = {name: generator.integers(0, 256, (32, 32, 3), dtype=np.uint8) for name in ("third_person", "wrist")}
-    return Query(episode, step, Observation(images, np.arange(8.0), "reach the goal"))
+    numbers = np.arange(joints + 1.0 if joints else 8.0)
+    return Query(episode, step, Observation(images, numbers, "reach the goal", bool(joints)))
 
 
 def remote(address, **options):
@@ -267,9 +268,9 @@ def test_two_queries_are_answered_in_order():
 
 OPTIONS = {
     "no address": ({}, "address: Field required"),
-    "http": ({"address": "http://x"}, "address: expected ws://HOST:PORT, got 'http://x'"),
-    "password": ({"address": "ws://me:secret@x"}, "expected ws://HOST:PORT"),
-    "port": ({"address": "ws://x:99999"}, "expected ws://HOST:PORT"),
+    "http": ({"address": "http://x"}, "address: expected openpi://HOST:PORT, got 'http://x'"),
+    "password": ({"address": "ws://me:secret@x"}, "expected openpi://HOST:PORT"),
+    "port": ({"address": "ws://x:99999"}, "expected openpi://HOST:PORT"),
     "camera": ({"cameras": {"left": "a"}}, "cameras: expected some of third_person, wrist, got left"),
     "no camera": ({"cameras": {}}, "got none"),
     "one key": ({"cameras": {"wrist": "prompt"}}, "expected another key for each part"),

@@ -15,6 +15,8 @@ from robogauntlet.suites.episode import CAMERAS, Episode, Protocol
 from tests.errors import one_line_error
 
 SEEDS = st.integers(0, 2**32 - 1)
+EPISODE = Episode("p", "p", "null/Reach", 0, Protocol(8))
+IMAGES = dict.fromkeys(CAMERAS, np.zeros((8, 8, 3), np.uint8))
 AS_WRITTEN = {
     "axis-angle": lambda turns: turns.as_rotvec(),
     "euler": lambda turns: turns.as_euler("xyz"),
@@ -97,6 +99,36 @@ def test_each_camera_may_have_a_turn_of_its_own():
 def test_a_turn_that_is_none_is_one_line(turn, match):
     with one_line_error(PolicyError, match):
         read_options({"address": "a:1", "turn": turn})
+
+
+def test_proprioception_may_have_several_keys_and_a_chunk_those_of_its_columns():
+    options = server_options(proprioception={"arm": [0, 1, 2], "hand": [7, 6]}, actions=["arm", "hand"])
+    message = encode_observation(options, Observation(IMAGES, np.arange(8.0), "reach"), EPISODE)
+    np.testing.assert_array_equal(message["arm"], [0.0, 1.0, 2.0])
+    np.testing.assert_array_equal(message["hand"], [7.0, 6.0])
+    chunk = decode_chunk(options, {"hand": np.ones((3, 1)), "arm": np.zeros((3, 6)), "more": 1})
+    np.testing.assert_array_equal(chunk, [[0.0] * 6 + [1.0]] * 3)
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"proprioception": {}}, "proprioception: expected a key, or keys with columns .*, got {}"),
+        ({"proprioception": {"arm": []}}, "proprioception: expected a key, or keys with columns .*, got {'arm': ..}"),
+        ({"proprioception": {"arm": [True]}}, "proprioception: expected a key, or keys with columns .*True"),
+        ({"proprioception": 5}, "proprioception: expected a key, or keys with columns .*, got 5"),
+        ({"proprioception": {"prompt": [0]}}, "expected another key for each part of the observation, got .*prompt"),
+        ({"proprioception": {"arm": [-1]}}, "proprioception.*expected .*, got .*-1"),
+        ({"proprioception": {"arm": [0, 8]}}, "option proprioception: expected columns below 8, got 8"),
+        ({"actions": []}, "actions: expected a key, or a list of different keys, got .."),
+        ({"actions": ["arm", "hand"]}, "expected 'arm' in the answer, got actions; set option actions"),
+    ],
+)
+def test_keys_that_do_not_fit_are_one_line(given, match):
+    with one_line_error(PolicyError, match):
+        options = server_options(**given)
+        encode_observation(options, Observation(IMAGES, np.arange(8.0), "reach"), EPISODE)
+        decode_chunk(options, {"actions": np.zeros((1, 7))})
 
 
 def test_options_added_later_do_not_change_the_hash_of_policies_without_them():

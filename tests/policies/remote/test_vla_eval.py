@@ -16,7 +16,8 @@ from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicyUnreachable, Query
 from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
 from robogauntlet.policies.remote.remote_policy import ConnectionLost
-from robogauntlet.policies.remote.server_options import VlaEvalOptions, read_options
+from robogauntlet.policies.remote.server_options import read_options
+from robogauntlet.policies.remote.vla_eval import VlaEvalOptions
 from robogauntlet.policies.remote.vla_eval_specs import fitted
 from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.errors import one_line_error
@@ -283,7 +284,7 @@ def test_a_faulty_server_is_one_line(case):
     ("given", "match"),
     [
         ({"execute": 5}, "execute: expected less than or equal to 1, got 5"),
-        ({"address": "openpi://a:1"}, "expected ws://HOST:PORT, got 'openpi://a:1'"),
+        ({"address": "openpi://a:1"}, "expected vla-eval://HOST:PORT, got 'openpi://a:1'"),
     ],
 )
 def test_wrong_options_are_one_line(given, match):

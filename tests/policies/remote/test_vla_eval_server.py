@@ -10,7 +10,8 @@ from PIL import Image as Picture
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies.contract import PolicyInput, PolicySpec, Query
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
-from robogauntlet.policies.remote.server_options import VlaEvalOptions, read_options
+from robogauntlet.policies.remote.server_options import read_options
+from robogauntlet.policies.remote.vla_eval import VlaEvalOptions
 from robogauntlet.policies.remote.vla_eval_messages import received
 from robogauntlet.policies.remote.vla_eval_server import LIBERO, native_action, query_of, specs_of, task_and_convention
 from robogauntlet.policies.remote.vla_eval_specs import fitted
