@@ -84,7 +84,7 @@ def _meant(reference: str) -> str:
     if reference.startswith("zoo:") or reference in catalog.SEPARATE:
         return f", which is not installed; {catalog.INSTALL}"
     if separator and scheme in ("http", "https"):
-        return did_you_mean(reference, (), meant=[f"openpi://{rest}"])
+        return did_you_mean(reference, (), meant=[f"openpi://{rest}", f"openvla+{reference}"])
     if (folder / "config.json").is_file() or (reference.startswith("lerobot/") and not folder.exists()):
         return did_you_mean(reference, (), meant=[f"lerobot:{reference}"])
     if folder.is_dir():

@@ -51,12 +51,12 @@ LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_618,
     "adapters": 8_685,
-    "policies": 7_740,
+    "policies": 8_024,
     "mergevla": 9_389,
     "results": 15_220,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 49_596,
+    "tests": 49_884,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -127,13 +127,11 @@ def error_text(text: object) -> str:
     return visible(last_line(str(text)[-10 * MAX_ERROR_LENGTH :]))[:MAX_ERROR_LENGTH]
 
 
-def no_connection(error: OSError) -> str:
-    """The reason why an address cannot be reached."""
-    return (
-        "no connection in time"
-        if isinstance(error, TimeoutError)
-        else f"no connection: {error.strerror or error}".lower()
-    )
+def no_connection(error: OSError | UnicodeError) -> str:
+    """The reason why an address cannot be reached, such as a host whose name is none."""
+    if isinstance(error, TimeoutError):
+        return "no connection in time"
+    return f"no connection: {getattr(error, 'strerror', None) or error}".lower()
 
 
 def packed(message: Any) -> bytes:

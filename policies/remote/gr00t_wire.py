@@ -38,6 +38,11 @@ if TYPE_CHECKING:
 EXPECTED = "a policy server of GR00T N1.6 or newer"
 CONFIGS = ("__ModalityConfig__", "__ModalityConfig_class__")
 """Keys that mark a modality's configuration, from newer and older servers."""
+HINTS = {
+    "Unauthorized": "; give its token by option token_variable",
+    "'video.": "; start it without --use-sim-policy-wrapper",
+}
+"""Part of a server's error to what to do."""
 _NPY = re.compile(
     rb"\x93NUMPY\x01\x00..\{'descr': '([<|][biuf][1248])', 'fortran_order': (False|True), "
     rb"'shape': \(([0-9, ]{0,100})\), \} *\n",
@@ -146,12 +151,12 @@ class Gr00tConnection(ServerConnection):
         address, left = urlsplit(self._options.address), max(0.01, deadline - time.monotonic())
         try:
             probe = socket.create_connection((address.hostname, address.port), left)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             raise Lost(no_connection(error)) from None
         with probe:
             try:
                 probe.settimeout(max(0.01, deadline - time.monotonic()))
-                greeting = probe.recv(_SIGNATURE, socket.MSG_WAITALL)
+                greeting = probe.recv(_SIGNATURE)
             except TimeoutError:
                 greeting = b""
             except OSError as error:
@@ -182,7 +187,7 @@ class Gr00tConnection(ServerConnection):
         except PackingError as error:
             raise PolicyError(f"{self._server}: expected {EXPECTED}: {error}") from None
         if isinstance(message, dict) and "error" in message:
-            hint = "; give its token by option token_variable" if "Unauthorized" in str(message["error"]) else ""
             said = error_text(message["error"])
+            hint = next((hint for sign, hint in HINTS.items() if sign in said), "")
             raise PolicyError(f"{self._server}: expected an answer, got an error: {said}{hint}")
         return message

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from robogauntlet.policies.contract import Contact, Policy, PolicyKind, PolicyNotInstalled, PolicySpec, Wishes
 from robogauntlet.policies.remote.gr00t import Gr00tOptions, Gr00tPolicy
 from robogauntlet.policies.remote.openpi import OpenpiPolicy
+from robogauntlet.policies.remote.openvla import OpenVlaOptions, OpenVlaPolicy
 from robogauntlet.policies.remote.server_options import ServerOptions, options_of, read_options
 from robogauntlet.policies.remote.vla_eval import VlaEvalOptions, VlaEvalPolicy
 
@@ -77,3 +78,4 @@ def _kind(kind: type[ServerOptions], connect: Callable[[Any], ServerPolicy], sum
 KIND = _kind(ServerOptions, OpenpiPolicy, "a policy behind a websocket, in openpi's protocol")
 VLA_EVAL = _kind(VlaEvalOptions, VlaEvalPolicy, "a policy behind a model server of vla-evaluation-harness")
 GR00T = _kind(Gr00tOptions, Gr00tPolicy, "a policy behind a policy server of Isaac GR00T, N1.6 or newer")
+OPENVLA = _kind(OpenVlaOptions, OpenVlaPolicy, "a policy behind the HTTP server of OpenVLA or OpenVLA-OFT")

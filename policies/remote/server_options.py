@@ -294,6 +294,7 @@ class ServerOptions(Convention):
         try:
             parts = urlsplit(f"{scheme}://{rest}")
             sound = scheme != "" and bool(parts.hostname) and parts.port != 0 and parts.username is None
+            sound = sound and (parts.path + parts.query).isascii()
             sound = sound and (cls.PATH is not None or (parts.port is not None and parts.path + parts.query == ""))
         except ValueError:
             sound = False

@@ -14,6 +14,7 @@ from robogauntlet.policies.remote.gr00t_modalities import fitted as gr00t_fitted
 from robogauntlet.policies.remote.gr00t_modalities import modalities_in
 from robogauntlet.policies.remote.gr00t_wire import read_message
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack
+from robogauntlet.policies.remote.openvla import as_rows
 from robogauntlet.policies.remote.protocol import (
     as_message,
     as_metadata,
@@ -101,6 +102,12 @@ def test_a_damaged_episode_of_a_benchmark(damaged):
         query_of(seen if isinstance(seen, dict) else {}, episode, 0, POLICY.spec, convention)
 
     refusable(read)
+
+
+@fuzzed(damaged_value([[{"__numpy__": "AAAAAAAA8D8=", "dtype": "<f8", "shape": [1]}, 0.0]]))
+@example(damaged={"__numpy__": "AAAA", "dtype": "<f8", "shape": [10**9]})
+def test_a_damaged_answer_of_an_openvla_server(damaged):
+    refusable(lambda: decode_chunk(Convention(), as_rows(damaged, "actions")))
 
 
 @fuzzed(st.sampled_from(GR00T_FRAMES).flatmap(damaged_bytes))

@@ -15,6 +15,7 @@ from tests.errors import one_line_error
         ("python:brain.arm:act", "python-brain.arm-act", "python", {"callable": "brain.arm:act"}),
         ("openpi://gpu:8000", "openpi-gpu-8000", "openpi", {"address": "openpi://gpu:8000"}),
         ("vla-eval://gpu:8000", "vla-eval-gpu-8000", "vla-eval", {"address": "vla-eval://gpu:8000"}),
+        ("openvla+http://gpu:8000", "openvla-http-gpu-8000", "openvla", {"address": "openvla+http://gpu:8000"}),
         ("gr00t://gpu:5555", "gr00t-gpu-5555", "gr00t", {"address": "gr00t://gpu:5555"}),
         ("lerobot:/data/act", "lerobot-data-act", "lerobot", {"checkpoint": "/data/act"}),
         ("zoo:merged", "zoo-merged", "mergevla-merged", {"checkpoint": "zoo:merged"}),
@@ -85,7 +86,10 @@ def test_of_several_policies_an_option_goes_to_those_whose_kind_has_it():
     [
         ("nope", "got 'nope'"),
         ("randm", "got 'randm'; did you mean 'random'?"),
-        ("https://gpu-box:8000", "got 'https://gpu-box:8000'; did you mean 'openpi://gpu-box:8000'?"),
+        (
+            "https://gpu-box:8000",
+            "got 'https://gpu-box:8000'; did you mean one of openpi://gpu-box:8000, openvla+https://gpu-box:8000?",
+        ),
     ],
 )
 def test_a_suggestion_is_what_is_alike_or_nothing(text, ends):

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import threading
 
 import msgpack
@@ -17,9 +18,10 @@ LIBERO = {
 
 
 class N16:
-    """How N1.6 writes arrays and modalities."""
+    """How N1.6 writes arrays and modalities, the latter at first as text."""
 
     MARKER = "__ModalityConfig_class__"
+    config = staticmethod(json.dumps)
 
     @staticmethod
     def array(value):
@@ -32,6 +34,7 @@ class N17:
     """How newer servers do, which use msgpack-numpy."""
 
     MARKER = "__ModalityConfig__"
+    config = staticmethod(dict)
 
     @staticmethod
     def array(value):
@@ -67,7 +70,7 @@ def serving(answer=None, modalities=LIBERO, writes=N16, token=None, seen=None, *
     socket = context.socket(zmq.REP)
     socket.setsockopt(zmq.LINGER, 0)
     port = socket.bind_to_random_port("tcp://127.0.0.1")
-    marked = {name: {writes.MARKER: True, "as_json": config} for name, config in modalities.items()}
+    marked = {name: {writes.MARKER: True, "as_json": writes.config(config)} for name, config in modalities.items()}
     contract = {"ping": {"status": "ok", "message": "Server is running"}, "get_modality_config": marked, "reset": {}}
 
     def answered(message):

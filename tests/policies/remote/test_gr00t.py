@@ -156,6 +156,11 @@ BAD = {
     "no modalities": ({"get_modality_config": {}}, {}, "expected modalities video, .*, got none: no video"),
     "a list": ({"get_modality_config": [1]}, {}, "expected modalities video, .*, got none: no video"),
     "no keys": (modalities(video={"modality_keys": 5}), {}, "modality_keys and delta_indices: video.modality_keys: "),
+    "no JSON": (
+        {"get_modality_config": {"video": {"__ModalityConfig_class__": True, "as_json": "[" * 9}}},
+        {},
+        "expected a modality's configuration as JSON, got text that is none",
+    ),
     "much": (
         {"get_modality_config": b"\xda\xff\xff" * 10 + b"a" * 2**21},
         {},
@@ -193,6 +198,11 @@ BAD = {
         {},
         "got an error: Video key 'image' must",
     ),
+    "a wrapper": (
+        {"get_action": {"error": "Video key 'video.image' must be in observation"}},
+        {},
+        "must be in observation; start it without --use-sim-policy-wrapper",
+    ),
     "dies": (
         {"get_action": None},
         {},
@@ -221,6 +231,8 @@ def test_another_kind_of_server_and_none_are_one_line():
         remote(address.replace("ws", "gr00t"), **OURS, connect_timeout_s=0.3)
     with socket.create_server(("127.0.0.1", 0)) as nobody:
         port = nobody.getsockname()[1]
+    with one_line_error(PolicyUnreachable, "no connection: .*label .*too long"):
+        remote(f"gr00t://{'a' * 70}.example:1", **OURS)
     with one_line_error(PolicyUnreachable, "no connection: connection refused; start the server"):
         remote(f"gr00t://127.0.0.1:{port}", **OURS)
 
