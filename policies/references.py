@@ -18,7 +18,7 @@ from robogauntlet.support.errors import BadInput
 SHOWN = 80
 """Characters of an option's value in a message."""
 FORMS = (
-    "openpi://HOST:PORT or another server's address (robogauntlet list protocols), python:MODULE:NAME, lerobot:FOLDER, "
+    "openpi://HOST:PORT or another server's address (robogauntlet list policies), python:MODULE:NAME, lerobot:FOLDER, "
     "zoo:NAME, the folder of a checkpoint or a kind of policy"
 )
 

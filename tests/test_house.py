@@ -49,7 +49,7 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 22_618,
+    "orchestrator": 22_610,
     "adapters": 8_685,
     "policies": 8_024,
     "mergevla": 9_389,

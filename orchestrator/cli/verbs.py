@@ -51,8 +51,7 @@ VERBS: Verbs = {
                 ".list.names:list_tasks",
                 "List the tasks of all simulators with their instructions.",
             ),
-            "policies": (".list.names:list_policies", "List the kinds of policies."),
-            "protocols": (".list.names:list_protocols", "List the protocols of policy servers."),
+            "policies": (".list.names:list_policies", "List the kinds of policies, with the addresses of servers."),
             "suites": (".list.names:list_suites", "List the suites that are shipped."),
             "axes": (".list.axes:list_axes", "List the perturbation axes with their severities, or show one."),
             "runs": (".list.runs:list_runs", "List runs, or show the success of a policy over its runs."),
@@ -61,7 +60,7 @@ VERBS: Verbs = {
                 "List the episodes of a run with the ids that `replay` takes.",
             ),
         },
-        "List simulators, tasks, policies, protocols, suites, axes, runs or episodes.",
+        "List simulators, tasks, policies, suites, axes, runs or episodes.",
     ),
     "check": (
         {

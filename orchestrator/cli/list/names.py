@@ -1,4 +1,4 @@
-"""`robogauntlet list simulators`, `tasks`, `policies`, `protocols` and `suites`: list what can be named in a suite."""
+"""`robogauntlet list simulators`, `tasks`, `policies` and `suites`: list what can be named in a suite."""
 
 from __future__ import annotations
 
@@ -63,19 +63,12 @@ def list_tasks(
 
 
 def list_policies(as_json: AsJson = False) -> None:
-    """List the kinds of policies."""
-    rows: list[Row] = [{"policy": kind.name, "description": kind.summary} for kind in policies.kinds().values()]
-    _show("policies", rows, as_json=as_json)
-
-
-def list_protocols(as_json: AsJson = False) -> None:
-    """List the protocols of policy servers."""
+    """List the kinds of policies, with the addresses of servers."""
     rows: list[Row] = [
-        {"address": kind.address, "description": kind.summary, "needs": kind.needs}
+        {"policy": kind.name, "address": kind.address, "description": kind.summary, "needs": kind.needs}
         for kind in policies.kinds().values()
-        if kind.address
     ]
-    _show("protocols", rows, as_json=as_json)
+    _show("policies", rows, as_json=as_json)
 
 
 def list_suites(as_json: AsJson = False) -> None:

@@ -25,7 +25,7 @@ def printed(run_command):
         ("simulators", "simulator", "pybullet"),
         ("tasks", "task", "robosuite/Lift"),
         ("policies", "policy", "oracle"),
-        ("protocols", "address", "openpi://HOST:PORT"),
+        ("policies", "address", "openpi://HOST:PORT"),
         ("suites", "suite", "tabletop"),
     ],
 )
