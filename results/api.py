@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ from robogauntlet.results.analysis import comparison as analysis
 from robogauntlet.results.analysis import pairwise
 from robogauntlet.results.analysis.comparison import COLUMNS, Difference, Run, RunComparison, compare_runs
 from robogauntlet.results.analysis.pairwise import PolicyComparisons, PolicyRows
+from robogauntlet.results.analysis.separate_runs import SeparateRuns, are_separate, compare_separate_runs
 from robogauntlet.results.analysis.tables import Tables, build_tables
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.run_document import RunDocument, RunError, read_run
@@ -119,9 +120,8 @@ class OpenRun:
             found = pairwise.compare_all(run, only=policies, alpha=alpha, margin=margin)
         else:
             opened = other if other is None or isinstance(other, OpenRun) else open_run(other)
-            runs = (run, run if opened is None else opened._for_comparison(pairwise.COLUMNS))
-            if opened is not None and run.name == runs[1].name and self.folder.resolve() != opened.folder.resolve():
-                runs = replace(run, name=str(self.folder)), replace(runs[1], name=str(opened.folder))
+            second = run if opened is None else opened._for_comparison(pairwise.COLUMNS)
+            runs = _apart((self, opened or self), (run, second))
             sides = [PolicyRows.of_run(one, name) for one, name in zip(runs, policies, strict=True)]
             found = pairwise.compare_policies(*sides, alpha=alpha, margin=margin, allowed=allowed)
         return ComparedPolicies(**vars(found))
@@ -170,6 +170,10 @@ class ComparedRuns(Comparison, RunComparison):
     """A `Comparison` of a run with a baseline run."""
 
 
+class ComparedSeparately(ComparedRuns, SeparateRuns):
+    """A `Comparison` of two runs whose trials are not paired."""
+
+
 class ComparedPolicies(Comparison, PolicyComparisons):
     """A `Comparison` of policies with each other."""
 
@@ -182,8 +186,11 @@ def compare(
     margin: float | None = None,
     only: Sequence[str] = (),
     allowed: Set[Difference] = frozenset(),
+    tasks: Mapping[str, str] | None = None,
 ) -> ComparedRuns:
     """Compare a run with a baseline run: paired tests per task and policy, adjusted for multiplicity.
+
+    Trials of others that are not paired are compared as separate ones, see `ComparedSeparately`.
 
     `print` shows the result as text; notebooks show it as a table.
 
@@ -191,23 +198,35 @@ def compare(
         run: A run or its folder.
         baseline: The run to compare with.
         alpha: Maximum probability of a false alarm; by default that of the run's suite.
-        margin: Largest decrease of a rate that counts as no worse; by default that of the run's suite.
+        margin: Largest decrease of a rate that counts as no worse; by default that of the run's suite, and none is
+            tested of runs that are not paired.
         only: Names of policies; empty for all.
         allowed: Differences of the runs that do not prevent the comparison.
+        tasks: Tasks of the run to their names in the baseline where these differ, of runs that are not paired.
 
     Raises:
-        RunError: A folder is not a run folder, or both are the same.
+        RunError: A folder is not a run folder, or both are the same; or a task that a run does not have.
         StoreError: Rows cannot be read.
     """
     runs = [given if isinstance(given, OpenRun) else open_run(given) for given in (run, baseline)]
     if runs[0].folder.resolve() == runs[1].folder.resolve():
         raise RunError(f"{runs[1].folder}: expected another run to compare with, this is the run itself")
     defaults = runs[0].document.suite.regression
-    found = compare_runs(
-        *(side._for_comparison(COLUMNS) for side in runs),
-        alpha=defaults.alpha if alpha is None else alpha,
-        margin=defaults.margin if margin is None else margin,
-        only=only,
-        allowed=allowed,
-    )
-    return ComparedRuns(**vars(found))
+    alpha = defaults.alpha if alpha is None else alpha
+    fields = pairwise.COLUMNS if any(one.document.is_outcomes_only for one in runs) else COLUMNS
+    sides = _apart(runs, [side._for_comparison(fields) for side in runs])
+    if are_separate(*sides):
+        found = compare_separate_runs(*sides, alpha=alpha, margin=margin, only=only, tasks=tasks)
+        return ComparedSeparately(**vars(found))
+    if tasks:
+        raise RunError(f"{runs[0].folder}: expected no other names of tasks, its episodes are paired by their own")
+    margin = defaults.margin if margin is None else margin
+    return ComparedRuns(**vars(compare_runs(*sides, alpha=alpha, margin=margin, only=only, allowed=allowed)))
+
+
+def _apart(opened: Sequence[OpenRun], runs: Sequence[Run]) -> tuple[Run, Run]:
+    """Two runs, with their whole paths as names if they are of different folders of one name."""
+    first, second = runs
+    if first.name == second.name and opened[0].folder.resolve() != opened[1].folder.resolve():
+        return replace(first, name=str(opened[0].folder)), replace(second, name=str(opened[1].folder))
+    return first, second

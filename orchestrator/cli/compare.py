@@ -25,9 +25,10 @@ from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.results import api
 from robogauntlet.results.analysis.comparison import Difference, RunComparison, Verdict
-from robogauntlet.results.report.comparison import BEGINS, behaviour_tables, render, table
+from robogauntlet.results.report.comparison import BEGINS, render, tables
 from robogauntlet.results.run_document import RunDocument, read_run, refuse_imported
 from robogauntlet.results.statistics.multiplicity import ALPHA
+from robogauntlet.results.store.foreign.trials import task_name
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import SHORTEST_ID
 from robogauntlet.suites.plugins import did_you_mean
@@ -35,7 +36,13 @@ from robogauntlet.support.errors import BadInput
 from robogauntlet.support.output_file import Output
 
 COMPARISON = Output("a comparison", BEGINS)
-EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
+EXIT_CODES = {
+    Verdict.REGRESSED: 1,
+    Verdict.IMPROVED: 0,
+    Verdict.NO_EVIDENCE: 0,
+    Verdict.SEPARATE: 0,
+    Verdict.NOT_COMPARABLE: 2,
+}
 
 
 class Format(StrEnum):
@@ -85,6 +92,14 @@ def compare(
         list[Difference] | None,
         typer.Option("--allow", help="Compare the runs although this differs; the result mentions it. Repeatable."),
     ] = None,
+    task: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--task",
+            metavar="TASK=OTHER",
+            help="A task of RUN and its name in OTHER, of runs whose trials are not paired. Repeatable.",
+        ),
+    ] = None,
     alpha: Annotated[
         float | None,
         typer.Option(
@@ -115,13 +130,15 @@ def compare(
 
     RUN:A RUN:B (or OTHER:B) gives the difference of two policies with interval and exact test; RUN alone compares its
     policies with each other; RUN BASELINE looks for regressions of policies of the same name, and so does RUN --gate,
-    which prints the verdict and the reasons only.
+    which prints the verdict and the reasons only. Of runs whose trials are not paired, such as SIMULATED REAL, it gives
+    the difference of each policy, and how well the first predicts the second.
     A path with a colon is a run folder if it exists; RUN/:POLICY and RUN/ are never mistaken.
 
     Exit codes: 0 compared (no regression), 1 a regression, 2 not comparable.
     """
     mode = _mode({"--gate": gate, "--all": everything, "--accept": accept})
     given = {"OTHER": other, "--policy": policy, "--allow": allow, "--margin": margin, "--out": file, "--store": store}
+    given |= {"--task": task}
     if mode == "--accept":
         refuse(mode, given | {"--alpha": alpha, "--imported": imported})
         _accept(run, url)
@@ -136,14 +153,19 @@ def compare(
         COMPARISON.check(file)
     options: dict[str, Any] = {"allowed": frozenset(allow or []), "alpha": alpha, "margin": margin}
     if mode == "--gate":
+        refuse(mode, {"--task": task})
         folder = newest_run() if run is None else Path(run)
         options["only"] = policy or []
-        _conclude(_with_baseline(folder, Path(other) if other else None, store, url, options), form, file, tables=False)
+        _conclude(
+            _with_baseline(folder, Path(other) if other else None, store, url, options), form, file, with_tables=False
+        )
     run = run or str(newest_run())
     (folder, first), (baseline, second) = parse_side(run), (None, None) if other is None else parse_side(other)
     if first is None and second is None and baseline is not None:
-        options["only"] = policy or []
-        _conclude(_of_folders(folder, baseline, store, options), form, file, tables=True)
+        options |= {"only": policy or [], "tasks": _same_tasks(task or [])}
+        _conclude(_of_folders(folder, baseline, store, options), form, file, with_tables=True)
+    if task:
+        raise BadInput("--task: expected with two whole runs, RUN OTHER")
     if first is not None and policy:
         raise BadInput(f"--policy: expected with a whole run only, {run} names a policy")
     if alpha is None:
@@ -191,6 +213,18 @@ def parse_side(text: str) -> tuple[Path, str | None]:
     return Path(text), None
 
 
+def _same_tasks(given: list[str]) -> dict[str, str]:
+    """Tasks of the run to those of the other, from texts `TASK=OTHER`. Raises BadInput."""
+    tasks = {}
+    for text in given:
+        own, equals, other = (part.strip() for part in text.partition("="))
+        if not own or not equals or not other or task_name(own) in tasks:
+            wanted = "each task once" if own and other else "TASK=OTHER"
+            raise BadInput(f"--task: expected {wanted}, got '{text}'")
+        tasks[task_name(own)] = task_name(other)
+    return tasks
+
+
 def _of_folders(run: Path, baseline: Path, store: str | None, options: dict[str, Any]) -> RunComparison:
     """Compare two run folders with the options of `api.compare`; raises BadInput if a run lacks a policy."""
     sides = [api.open_run(folder, store) for folder in (run, baseline)]
@@ -205,12 +239,17 @@ def _with_baseline(
     """Compare the run with a baseline, by default the last good one of its suite, whose verdict the history keeps."""
     if baseline is not None:
         refuse_imported(baseline, read_run(baseline), "a baseline")
+    document = read_run(run)
+    if document.is_outcomes_only:
+        raise BadInput(
+            f"--gate: expected a run that was played, {run} has results of others; compare it without --gate"
+        )
+    if baseline is not None:
         return _of_folders(run, baseline, store, options)
     if store is not None:
         raise BadInput(
             f"{run}: with --store, name the run to compare it with: robogauntlet compare {run} BASELINE --gate"
         )
-    document = read_run(run)
     _check_policies(run, document, options["only"])
     with open_history(url, run.absolute().parent if url is None else None) as history:
         if history.find(document.run_id) is None:
@@ -277,15 +316,15 @@ def _check_policies(folder: Path, document: RunDocument, policies: list[str]) ->
             raise BadInput(f"{folder}: the run has no policy '{name}'{did_you_mean(name, known)}")
 
 
-def _conclude(comparison: RunComparison, form: Format, file: Path | None, *, tables: bool) -> NoReturn:
+def _conclude(comparison: RunComparison, form: Format, file: Path | None, *, with_tables: bool) -> NoReturn:
     """Write a comparison into a file or print it, if wanted after a table of each policy; exit with its code.
 
     Raises:
         BadInput: The file cannot be written.
     """
-    for one in comparison.comparisons if file is None and tables and form is Format.TEXT else ():
-        for shown in (table(one, comparison.alpha), *behaviour_tables(one)):
-            out.print(rich_table(shown, title=one.first.policy))
+    for title, own in tables(comparison) if file is None and with_tables and form is Format.TEXT else ():
+        for shown in own:
+            out.print(rich_table(shown, title=title))
             out.print()
     _write(render(comparison, form), file)
     raise typer.Exit(EXIT_CODES[comparison.verdict])

@@ -48,6 +48,8 @@ class Verdict(StrEnum):
     NO_EVIDENCE = "no evidence"
     """Neither, which does not mean no difference, see `Contrast.no_worse`."""
     NOT_COMPARABLE = "not comparable"
+    SEPARATE = "separate trials"
+    """Trials of the runs are not paired, so that policies are compared and the run is not judged."""
 
 
 class Difference(StrEnum):
@@ -151,7 +153,6 @@ class RunComparison(Comparison):
 
     kind = "runs"
     baseline: str
-    margin: float
     run: str
     verdict: Verdict
     differences: Mapping[Difference, str]

@@ -10,7 +10,8 @@ from dataclasses import asdict
 from robogauntlet.results.analysis.comparison import Comparison, PolicyComparison, RunComparison, Verdict
 from robogauntlet.results.analysis.contrasts import Contrast
 from robogauntlet.results.analysis.pairwise import PolicyComparisons
-from robogauntlet.results.report import paired_behaviour, pairwise
+from robogauntlet.results.analysis.separate_runs import SeparateRuns
+from robogauntlet.results.report import paired_behaviour, pairwise, separate_runs
 from robogauntlet.results.report.formatting import (
     NOTHING,
     TextTable,
@@ -30,10 +31,11 @@ MARKS = {
     Verdict.IMPROVED: "improved",
     Verdict.NO_EVIDENCE: "no evidence of a difference",
     Verdict.NOT_COMPARABLE: "NOT COMPARABLE",
+    Verdict.SEPARATE: "separate trials, not paired",
 }
 BEGINS = re.compile(
     rf"(### \S+ )?({'|'.join(map(re.escape, MARKS.values()))}): [^\n]+ against "
-    r"|\{\n \"allowed\": \[|".encode()
+    r"|\{\n \"(agreement\": (null|\{)|allowed\": \[)|".encode()
     + pairwise.BEGINS
 )
 """How a comparison begins, in each of its forms."""
@@ -54,6 +56,8 @@ def in_one_line(comparison: RunComparison) -> str:
 
 def reasons(comparison: RunComparison) -> list[str]:
     """The reasons of the verdict, a line each, with what the comparison can show."""
+    if isinstance(comparison, SeparateRuns):
+        return separate_runs.reasons(comparison)
     if not comparison.comparisons:
         found = "".join(f"; {words}" for words in comparison.differences.values())
         return [
@@ -95,7 +99,7 @@ def _found(one: PolicyComparison, comparison: RunComparison) -> Iterator[str]:
             f"{policy}: not changed, but other actions in {one.differing:,} of {episodes}: "
             f"{_why(*comparison.processors)}"
         )
-    if not any(line.adjusted <= alpha for line in changed):
+    if comparison.margin is not None and not any(line.adjusted <= alpha for line in changed):
         is_shown = "is shown" if whole.no_worse else "is not shown"
         yield f"{policy}: {is_shown} to be no worse by more than {100 * comparison.margin:g} points"
 
@@ -144,6 +148,14 @@ def table(one: PolicyComparison, alpha: float) -> TextTable:
     return TextTable(header, tuple(_row(line, alpha) for line in one.contrasts), 1)
 
 
+def tables(comparison: RunComparison) -> list[tuple[str, list[TextTable]]]:
+    """The tables of each policy, with a title."""
+    if isinstance(comparison, SeparateRuns):
+        return separate_runs.tables(comparison)
+    alpha = comparison.alpha
+    return [(one.first.policy, [table(one, alpha), *behaviour_tables(one)]) for one in comparison.comparisons]
+
+
 def _row(line: Contrast, alpha: float) -> tuple[str, ...]:
     pairs = line.pairs
     better = 1.0 if line.opposite is None else line.opposite
@@ -179,19 +191,19 @@ def as_text(comparison: RunComparison) -> str:
 
 def as_markdown(comparison: RunComparison) -> str:
     """The result for a comment on a pull request."""
-    mark = {Verdict.REGRESSED: "❌", Verdict.NOT_COMPARABLE: "⚠️"}.get(comparison.verdict, "✅")
+    mark = {Verdict.REGRESSED: "❌", Verdict.NOT_COMPARABLE: "⚠️", Verdict.SEPARATE: "ℹ️"}.get(comparison.verdict, "✅")
     parts = [f"### {mark} {escape(headline(comparison))}", ""]
     parts += [f"- {escape(line)}" for line in reasons(comparison)]
-    for one in comparison.comparisons:
-        parts += ["", f"<details><summary>{escape(one.first.policy)}</summary>"]
-        parts += [
-            text for shown in (table(one, comparison.alpha), *behaviour_tables(one)) for text in ("", markdown(shown))
-        ]
+    for title, shown in tables(comparison):
+        parts += ["", f"<details><summary>{escape(title)}</summary>"]
+        parts += [text for one in shown for text in ("", markdown(one))]
         parts += ["", "</details>"]
     return "\n".join([*parts, "", _method(comparison), ""])
 
 
 def _method(comparison: RunComparison) -> str:
+    if isinstance(comparison, SeparateRuns):
+        return separate_runs.method(comparison)
     return (
         "Same seeds, paired episode by episode; exact McNemar test per task and over all tasks, adjusted together "
         f"(Holm); intervals of {100 * (1 - 2 * comparison.alpha):g} % (Newcombe). A run without a change is called "

@@ -47,7 +47,7 @@ class RateBounds:
 
 
 def rate_difference(
-    first: tuple[float, int], second: tuple[float, int], share: float = 1.0, confidence: float = CONFIDENCE
+    first: tuple[float, float], second: tuple[float, float], share: float = 1.0, confidence: float = CONFIDENCE
 ) -> Estimate | None:
     """Rate of the first side minus a share of that of the second, each given as (successes, trials), with an interval.
 

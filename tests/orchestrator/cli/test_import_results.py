@@ -49,6 +49,45 @@ def test_the_same_trials_are_imported_once(run_command):
     assert "is in the history already" in run_command("import", DATA / "trials.csv").refusal
 
 
+def test_a_simulated_run_and_a_real_one_are_compared_on_separate_trials(run_command, tmp_path):
+    for name, task, won in (("sim", "pybullet/Reach", (9, 5, 1)), ("real", "reach", (4, 7, 1))):
+        lines = [
+            f"{policy},{task},{n},{int(n < own)}" for policy, own in zip("abc", won, strict=True) for n in range(10)
+        ]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["policy,task,trial,success", *lines]))
+        assert run_command("import", f"{name}.csv", "--out", f"runs/{name}").code == 0
+    typed = ("compare", "runs/sim", "runs/real", "--task", "pybullet/Reach=reach")
+    done = run_command(*typed)
+    assert (done.code, done.err) == (0, "")
+    assert "separate trials, not paired: sim against real\n- a: +50.0 [" in done.out
+    assert "90 % [60, 98]  40 % [17, 69]" in done.out
+    assert "- sim predicts real, by 3 policies in 1 task: Pearson's r 0.50, Kendall's tau 0.33 [" in done.out
+    for form in ("json", "markdown", "text", "json"):  # each replaces the other
+        assert run_command(*typed, "--format", form, "--out", "found").code == 0
+    apart = run_command("compare", "runs/sim", "runs/real", "--format", "json", "--out", "found")
+    assert apart.code == 2
+    assert '"agreement": null' in (tmp_path / "found").read_text()
+    refused = run_command("compare", "--gate", "runs/sim").refusal
+    assert (
+        refused == "--gate: expected a run that was played, runs/sim has results of others; compare it without --gate"
+    )
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        ("compare runs/sim runs/real --task reach", "--task: expected TASK=OTHER, got 'reach'"),
+        ("compare runs/sim runs/real --task =reach", "--task: expected TASK=OTHER, got '=reach'"),
+        ("compare runs/sim runs/real --task a/b=c --task a/b=d", "--task: expected each task once, got 'a/b=d'"),
+        ("compare runs/sim:a runs/real:a --task a/b=c", "--task: expected with two whole runs, RUN OTHER"),
+        ("compare runs/sim --task a/b=c", "--task: expected with two whole runs, RUN OTHER"),
+        ("compare --gate runs/sim runs/real --task a/b=c", "--task: expected without --gate"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(run_command, typed, message):
+    assert message in run_command(*typed.split()).refusal
+
+
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
