@@ -1,7 +1,11 @@
 """Policies that are named by one text."""
 
+import re
+from pathlib import Path
+
 import pytest
 
+from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
 from robogauntlet.support.errors import BadInput
@@ -33,6 +37,26 @@ def test_a_text_is_a_kind_with_its_options_and_a_name(text, name, kind, options)
     entry = read_reference(text)
     assert (entry.name, entry.kind) == (name, kind)
     assert entry.options == options
+
+
+def public_models():
+    """The servers in the manual's table of public models: a line, and the options of a cell that has any."""
+    page = (Path(__file__).parents[2] / "docs" / "your-policy.md").read_text(encoding="utf-8")
+    section = page.partition("\n## Public models\n")[2]
+    short = dict(re.findall(r"\*\*(\w)\*\*[^`]+`([^`]+)`", section.replace("\n", " ")))
+    for family, _, line, *cells in re.findall(r"^\| " + r"(.*?) \| ?" * 5 + r"(.*?) ?\|$", section, re.MULTILINE):
+        for parts in (cell.split(", ") for cell in cells if "://" in line):
+            given = [short.get(part, part.strip("`")) for part in parts if part in short or part[:1] == "`"]
+            if given:
+                yield pytest.param(line.strip("`"), ", ".join(given), id=family)
+
+
+@pytest.mark.parametrize(("line", "given"), public_models())
+def test_the_lines_and_options_of_public_models_are_taken(line, given):
+    options = read_options([pair.replace(": ", "=") for pair in given.split(", ")])
+    (entry,) = with_options([read_reference(line.replace("HOST:PORT", "gpu:8000"))], options)
+    assert options.items() <= entry.options.items()
+    catalog.find(entry.kind).wishes(entry.options)
 
 
 def test_a_folder_of_a_checkpoint_is_a_policy(tmp_path):
