@@ -10,9 +10,10 @@ from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
-from robogauntlet.results.api import Comparison, compare, open_entry
+from robogauntlet.results.api import ComparedSeparately, Comparison, compare, open_entry
 from robogauntlet.results.report import comparison as report
 from robogauntlet.results.report import pairwise as words
+from robogauntlet.results.report.blocks import Block, Table
 from robogauntlet.results.report.page import render_blocks
 from robogauntlet.results.report.sections.pairwise import comparison_blocks
 from robogauntlet.results.run_document import RunError
@@ -71,10 +72,18 @@ def _show(app_state: AppState, first: str, second: str, margin: str) -> Response
         words=words,
         comparison_blocks=comparison_blocks,
         draw=render_blocks,
+        separate=_separate_tables(found),
         report=report,
         margin=share,
         margins=(LEAST_MARGIN, LARGEST_MARGIN),
     )
+
+
+def _separate_tables(found: Comparison | None) -> list[Block]:
+    """The tables of two runs that were compared on separate trials."""
+    if not isinstance(found, ComparedSeparately):
+        return []
+    return [Table(shown, title) for title, own in report.tables(found) for shown in own]
 
 
 def _side(app_state: AppState, text: str) -> Side:

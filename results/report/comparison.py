@@ -198,10 +198,11 @@ def as_markdown(comparison: RunComparison) -> str:
         parts += ["", f"<details><summary>{escape(title)}</summary>"]
         parts += [text for one in shown for text in ("", markdown(one))]
         parts += ["", "</details>"]
-    return "\n".join([*parts, "", _method(comparison), ""])
+    return "\n".join([*parts, "", method(comparison), ""])
 
 
-def _method(comparison: RunComparison) -> str:
+def method(comparison: RunComparison) -> str:
+    """How the numbers were computed."""
     if isinstance(comparison, SeparateRuns):
         return separate_runs.method(comparison)
     return (
