@@ -1,11 +1,13 @@
-"""A policy behind a server of openpi's protocol, or behind RoboGauntlet's own.
+"""A policy behind a server of openpi's protocol: openpi's, vLLM-Omni's or RoboGauntlet's own.
 
 The protocol is that of https://github.com/Physical-Intelligence/openpi (Apache 2.0): the server sends metadata on
-connection, then answers each observation with a chunk, both as msgpack; a text frame is an error.
+connection, then answers each observation with a chunk, both as msgpack; a text frame is an error. See `openpi_config`
+for what vLLM-Omni adds.
 """
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +22,14 @@ from robogauntlet.policies.remote.conversion import (
     read_chunk,
 )
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
+from robogauntlet.policies.remote.openpi_config import (
+    PolicyServerConfig,
+    check_options,
+    config_in,
+    explained,
+    one_of_batch,
+    request_part,
+)
 from robogauntlet.policies.remote.protocol import Greeting, as_message, greeting_in, routing_in
 from robogauntlet.policies.remote.remote_policy import ConnectionLost, WebsocketPolicy
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, ServerOptions
@@ -30,10 +40,15 @@ class OpenpiPolicy(WebsocketPolicy):
     """Asks a server of openpi's protocol, one query at a time. Deterministic if the server is."""
 
     expected = "metadata on connection, as openpi's servers send"
+    alone = ACTIONS_KEY
+    explain = staticmethod(explained)
 
     def __init__(self, options: ServerOptions) -> None:
         """Connect, unless `options.identity` names the policy."""
         self._greeting: Greeting | None = None
+        self._config: PolicyServerConfig | None = None
+        self._episode, self._session = "", ""
+        """The episode whose session is open, and its name."""
         self._connection_of: dict[str, int] = {}
         """Episode to the number of the connection that it is played over."""
         self._finished: list[str] = []
@@ -80,27 +95,62 @@ class OpenpiPolicy(WebsocketPolicy):
     def _read_metadata(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
         try:
             self._greeting = greeting_in(message)
-        except PackingError as error:
-            raise PolicyError(f"{self._server}: {error}") from None
+            self._config = config_in(message)
+            if self._config is not None:
+                check_options(self._config, self._options)
+        except (PackingError, PolicyMismatch) as error:
+            raise PolicyMismatch(f"{self._server}: {error}") from None
         return message
+
+    def _who(self) -> dict[str, Any]:
+        who = super()._who()
+        return who if self._config is None else {**who, "address": self._options.address}  # it names no weights
+
+    def _silence(self) -> str:
+        return super()._silence() if self._config is None else "names no checkpoint"
 
     def _decide(self, query: Query) -> Decision:
         answer = self._connection.ask(lambda: [self._frame(query)])
         self._connection_of[query.episode.id] = self._connection.number
         self._finished.clear()
         try:
+            if self._config is not None:
+                answer = one_of_batch(answer)
             if self._is_robogauntlet:
                 return Decision(read_chunk(answer, ACTIONS_KEY, query.action_dim, exactly=True), routing_in(answer))
             return Decision(decode_chunk(self._options, answer), routing_in(answer) if self._greeting else None)
         except (PackingError, PolicyMismatch) as error:
             raise PolicyMismatch(f"{self._server}: {error}") from None
+        except PolicyError as error:
+            raise PolicyError(f"{self._server}: {error}") from None
 
     def _frame(self, query: Query) -> bytes:
         current = self._connection.number
         started = self._connection_of.get(query.episode.id, current) if query.step else current
-        if started != current and self._greeting is not None and self._greeting.remembers:
+        if started != current and self._remembers:
             raise ConnectionLost(f"{self._server} was lost during the episode")
-        return packed(self._message(query))
+        message = self._message(query)
+        if self._config is not None:
+            message |= request_part(self._config, self._options, query, self._session_of(query))
+        return packed(message)
+
+    @property
+    def _remembers(self) -> bool:
+        """Whether the server keeps state of an episode, which is lost with the connection."""
+        if self._config is not None:
+            return self._config.needs_session_id
+        return self._greeting is not None and self._greeting.remembers
+
+    def _session_of(self, query: Query) -> str:
+        episode = query.episode.id
+        if query.step == 0 or episode not in self._connection_of:
+            self._episode, self._session = episode, f"{episode}-{uuid.uuid4().hex[:8]}"
+        elif self._episode != episode and self._remembers:
+            raise PolicyError(
+                f"{self._server}: expected one episode at a time, since a session ends when another begins, got "
+                "several; leave inference: worker"
+            )
+        return self._session
 
     def _message(self, query: Query) -> dict[str, Any]:
         if self._is_robogauntlet:

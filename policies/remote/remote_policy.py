@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robogauntlet.policies.contract import Contact, PolicyError
-from robogauntlet.policies.remote.connection import ServerConnection
+from robogauntlet.policies.remote.connection import ServerConnection, error_text
 from robogauntlet.policies.remote.server_options import ServerOptions
 from robogauntlet.suites.episode import content_hash
 
@@ -100,11 +100,16 @@ class WebsocketPolicy(RemotePolicy):
     """What a server of the protocol sends first."""
     hello: bytes | None = None
     """What a client of the protocol sends before."""
+    alone = ""
+    """Key of an answer that is an array alone; "" if that is an error."""
+    explain = staticmethod(error_text)
+    """Returns the error in a text frame."""
 
     def _new_connection(self) -> WebsocketConnection:
         from robogauntlet.policies.remote.websocket import Opening, WebsocketConnection  # takes 0.1 s
 
-        return WebsocketConnection(self._options, Opening(self.expected, self._accept, self.hello))
+        opening = Opening(self.expected, self._accept, self.hello, self.alone, self.explain)
+        return WebsocketConnection(self._options, opening)
 
 
 def plain(value: Any) -> Any:

@@ -266,7 +266,7 @@ class ServerOptions(Convention):
     """Options of other protocols that have no meaning in this one."""
 
     address: str
-    """ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT; HOST:PORT alone means ws"""
+    """ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT, with a path if it has one; HOST:PORT alone means ws"""
     identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     """the policy's checkpoint name or hash; by default the metadata that the server sends on connection, or its address
     if it sends none"""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, WebSocketException
 from websockets.frames import Close, CloseCode
 from websockets.sync.client import ClientConnection, connect
@@ -62,6 +63,10 @@ class Opening:
     """Called with what it sends first. Raises PolicyError for a server that is refused."""
     hello: bytes | None = None
     """What the client sends before."""
+    alone: str = ""
+    """Key of an answer that is an array alone; "" if that is an error."""
+    explain: Callable[[object], str] = error_text
+    """Returns the error in a text frame, made safe to show."""
 
 
 class WebsocketConnection(ServerConnection):
@@ -170,7 +175,7 @@ class WebsocketConnection(ServerConnection):
             raise self._late() from None
         except ConnectionClosed as closed:
             raise self._ended(closed) from None
-        return self._read(answer, "expected an answer")
+        return self._read(answer, "expected an answer", self._opening.alone)
 
     def _ended(self, closed: ConnectionClosed) -> Exception:
         ends = [end for end in (closed.rcvd, closed.sent) if end is not None]
@@ -181,13 +186,15 @@ class WebsocketConnection(ServerConnection):
             return unreadable
         return Lost(f"it closed the connection: {ends[0]}" if ends else "it closed the connection")
 
-    def _read(self, frame: str | bytes, expected: str) -> Mapping[str, Any]:
+    def _read(self, frame: str | bytes, expected: str, alone: str = "") -> Mapping[str, Any]:
         if isinstance(frame, str):
-            raise PolicyError(f"{self._server}: {expected}, got an error: {error_text(frame)}")
+            raise PolicyError(f"{self._server}: {expected}, got an error: {self._opening.explain(frame)}")
         try:
             message = unpack(frame)
         except PackingError as error:
             raise PolicyError(f"{self._server}: {expected}: {error}") from None
+        if alone and isinstance(message, np.ndarray):
+            return {alone: message}
         if not isinstance(message, dict):
             raise PolicyError(f"{self._server}: {expected}, a mapping, got {type(message).__name__}")
         return message
