@@ -53,10 +53,10 @@ BUDGETS = {
     "adapters": 8_685,
     "policies": 8_196,
     "mergevla": 9_389,
-    "results": 15_614,
+    "results": 15_622,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 50_491,
+    "tests": 50_640,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -67,7 +67,8 @@ def _number_column(names: list[str], stated: Mapping[str, str]) -> str:
     if unwanted := [name for name in stated if name in names]:
         raise BadResults(f"expected no --{unwanted[0]}, the table has a column {unwanted[0]}")
     if missing := [name for name in needed if name not in names]:
-        raise BadResults(f"expected a column {missing[0]}, {got}")
+        option = "" if missing[0] == "success" else f" or --{missing[0]} NAME"
+        raise BadResults(f"expected a column {missing[0]}{option}, {got}")
     numbers = [name for name in NUMBERS if name in names]
     if len(numbers) != 1:
         words = "remove or rename the others" if numbers else "number the trials, or name their start states"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from robogauntlet.results.record import EpisodeResult, Status, outcome_row, rows_hash
-from robogauntlet.results.run_document import RESULTS_OF_OTHERS, PlannedCell, RunDocument, RunStatus
+from robogauntlet.results.run_document import MAX_COUNT, RESULTS_OF_OTHERS, PlannedCell, RunDocument, RunStatus
 from robogauntlet.results.store.exported_run import BATCH, arriving_run, store_rows
 from robogauntlet.results.store.foreign.trials import BadResults, Results, Trial
 from robogauntlet.suites.episode import CLEAN, Cell, content_hash
@@ -104,7 +104,9 @@ def _rows(results: Results, names: dict[str, str], suite: str) -> Iterator[Episo
 
 
 def _seed(label: str) -> int:
-    return int(label) if label.isdecimal() and label.isascii() else int(content_hash(label, length=HASH_DIGITS), 16)
+    if label.isdecimal() and label.isascii() and int(label) <= MAX_COUNT:
+        return int(label)
+    return int(content_hash(label, length=HASH_DIGITS), 16)
 
 
 def _document(results: Results, files: Sequence[Path], suite: str, rows: Sequence[EpisodeResult]) -> RunDocument:

@@ -17,7 +17,9 @@ LONGEST_LABEL = 300
 """Largest length of the name of a task, a policy or a trial (characters)."""
 LONGEST_ERROR = 4_000
 """Largest length of an error (characters); longer ones are cut."""
-SUCCESS = {"true": True, "yes": True, "1": True, "1.0": True, "false": False, "no": False, "0": False, "0.0": False}
+SUCCESS = dict.fromkeys(("true", "yes", "1", "1.0", "success"), True) | dict.fromkeys(
+    ("false", "no", "0", "0.0", "failure"), False
+)
 """How a success, or a failure, is written."""
 NO_LABELS = ("nan", "inf", "-inf", "none", "null")
 """What programs write where there is no name or number."""
@@ -59,7 +61,8 @@ def read_success(value: Any, where: str) -> bool:
     """Return whether a value says success. Raises BadResults for one that says neither success nor failure."""
     found = SUCCESS.get(str(value).strip().lower()) if isinstance(value, bool | int | float | str) else None
     if found is None:
-        raise BadResults(f"{where}: expected success as true or false (1, 0, yes, no), got {_shown(value)}")
+        words = "true or false (1, 0, yes, no, success, failure)"
+        raise BadResults(f"{where}: expected success as {words}, got {_shown(value)}")
     return found
 
 

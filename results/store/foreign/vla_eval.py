@@ -65,5 +65,7 @@ def _outcome(episode: dict[str, Any], where: str) -> tuple[bool | None, str | No
     if reason := episode.get("failure_reason"):
         words = f"{reason}: {episode.get('failure_detail') or 'no detail'}"
         return None, visible(words[:LONGEST_ERROR])
+    if "metrics" not in episode and "success" in episode:  # so vla-eval 0.0 wrote it
+        return read_success(episode["success"], where), None
     metrics = read_mapping(episode.get("metrics"), f"{where}.metrics")
     return read_success(metrics.get("success"), f"{where}.metrics"), None

@@ -97,10 +97,10 @@ HEAD = "policy,task,trial,success\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "expected a column policy, got none"),
-        ("\n", "expected a column policy, got none"),
+        ("", "expected a column policy or --policy NAME, got none"),
+        ("\n", "expected a column policy or --policy NAME, got none"),
         (HEAD, "it has none"),
-        ("policy;task;trial;success\n", "expected a column policy, got policy;task;trial;success"),
+        ("policy;task;trial;success\n", "expected a column policy or --policy NAME, got policy;task;trial;success"),
         ("policy,task,trial\na,b,1\n", "expected a column success, got policy, task, trial"),
         ("policy,task,success\na,b,1\n", "expected one column of trial, seed or state, got policy, task, success; num"),
         ("policy,task,trial,seed,success\na,b,1,1,1\n", "expected one column of trial, seed or state, got"),

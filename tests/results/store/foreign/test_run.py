@@ -122,8 +122,9 @@ def test_letters_of_many_policies_are_not_said_to_be_of_pairs(make):
     assert "paired by task" not in text
 
 
-def test_a_run_is_exported_and_imported_again(make, tmp_path):
-    folder, document = make(both())
+@pytest.mark.parametrize("results", [both(), table("seed", "a,b,2119308772572332049,1")], ids=["trials", "large seed"])
+def test_a_run_is_exported_and_imported_again(make, tmp_path, results):
+    folder, document = make(results)
     with closing(Store.open_begun(folder, document)) as rows:
         export_run(folder, document, rows, tmp_path / "x.zip")
     _, again = import_run(tmp_path / "x.zip", tmp_path / "again")
