@@ -108,6 +108,7 @@ def test_a_served_policy_can_be_loaded_before_its_first_episode(servers):
     assert ray.get(server.batch_sizes.remote()) == {"untrained": {}}
 
 
+@pytest.mark.nightly
 def test_every_replica_is_queried(observer, servers):
     both = servers(SOURCES, replicas=2)
 

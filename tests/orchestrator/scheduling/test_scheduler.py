@@ -182,6 +182,7 @@ def test_workers_are_replaced_after_a_bounded_number_of_episodes(observer, monke
     assert len({ready.pid for _, ready in observer.ready}) >= 3
 
 
+@pytest.mark.nightly
 def test_more_workers_than_ray_has_room_for_take_turns(observer):
     """Each worker requests half of the cores. A worker without work makes room."""
     items = [
@@ -230,6 +231,7 @@ def test_a_worker_is_placeable_elsewhere_if_other_nodes_could_serve_it(monkeypat
     pool.close()
 
 
+@pytest.mark.nightly
 def test_slots_that_are_added_during_the_run_are_used(observer, monkeypatch):
     monkeypatch.setattr("robogauntlet.orchestrator.scheduling.scheduler.GROW_S", 0.1)
     monkeypatch.setattr("robogauntlet.orchestrator.scheduling.work_queue.START_S", 0.0)
