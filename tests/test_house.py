@@ -51,12 +51,12 @@ LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_658,
     "adapters": 8_685,
-    "policies": 8_196,
+    "policies": 8_431,
     "mergevla": 9_389,
     "results": 15_622,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 50_643,
+    "tests": 50_889,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -28,7 +28,7 @@ from robogauntlet.policies.remote.connection import (
     no_connection,
     packed,
 )
-from robogauntlet.policies.remote.msgpack_numpy import PackingError, array_of, unpack
+from robogauntlet.policies.remote.msgpack_numpy import PackingError, array_of, nd_array, unpack
 from robogauntlet.policies.remote.server_options import ServerOptions
 from robogauntlet.support.json_text import parse_json
 
@@ -71,10 +71,7 @@ def _read_mapping(value: dict[Any, Any]) -> Any:
     if "__ndarray_class__" in value:
         return _npy_array(value.get("as_npy"))
     if b"nd" in value:
-        if value.get(b"kind", b"") != b"":
-            raise PackingError("expected an array of numbers, got one of objects or structures")
-        shape = value.get(b"shape") if value[b"nd"] else []
-        return array_of(value.get(b"type"), shape, value.get(b"data", b""))
+        return nd_array(value)
     if any(marker in value for marker in CONFIGS) and isinstance(value.get("as_json"), str):
         try:
             return value | {"as_json": parse_json(value["as_json"])}

@@ -81,6 +81,23 @@ def array_of(dtype: Any, shape: Any, data: bytes) -> np.ndarray:
     return _array({b"dtype": dtype, b"shape": shape, b"data": data})
 
 
+def nd_message(array: np.ndarray) -> dict[bytes, Any]:
+    """Return an array as msgpack-numpy writes it."""
+    return {b"nd": True, b"type": array.dtype.str, b"kind": b"", b"shape": array.shape, b"data": array.tobytes()}
+
+
+def nd_array(value: Any) -> Any:
+    """Return an array or number that msgpack-numpy has written; another value unchanged.
+
+    Raises PackingError for objects and structures, and what `array_of` refuses.
+    """
+    if not isinstance(value, dict) or b"nd" not in value:
+        return value
+    if value.get(b"kind", b"") != b"":
+        raise PackingError("expected an array of numbers, got one of objects or structures")
+    return array_of(value.get(b"type"), value.get(b"shape") if value[b"nd"] else [], value.get(b"data", b""))
+
+
 def _check_size(frame: bytes) -> None:
     """Count a frame's values before any is made: a frame of 16 MiB can announce lists of many gigabytes.
 

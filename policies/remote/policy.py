@@ -12,6 +12,7 @@ from robogauntlet.policies.remote.openpi import OpenpiPolicy
 from robogauntlet.policies.remote.openvla import OpenVlaOptions, OpenVlaPolicy
 from robogauntlet.policies.remote.server_options import ServerOptions, options_of, read_options
 from robogauntlet.policies.remote.vla_eval import VlaEvalOptions, VlaEvalPolicy
+from robogauntlet.policies.remote.xpolicylab import XPolicyLabOptions, XPolicyLabPolicy
 
 
 class ServerPolicy(Policy, Protocol):
@@ -79,3 +80,4 @@ KIND = _kind(ServerOptions, OpenpiPolicy, "a policy behind a websocket, in openp
 VLA_EVAL = _kind(VlaEvalOptions, VlaEvalPolicy, "a policy behind a model server of vla-evaluation-harness")
 GR00T = _kind(Gr00tOptions, Gr00tPolicy, "a policy behind a policy server of Isaac GR00T, N1.6 or newer")
 OPENVLA = _kind(OpenVlaOptions, OpenVlaPolicy, "a policy behind the HTTP server of OpenVLA or OpenVLA-OFT")
+XPOLICYLAB = _kind(XPolicyLabOptions, XPolicyLabPolicy, "a policy behind a policy server of XPolicyLab")

@@ -62,6 +62,7 @@ REFERENCES = {
     "vla-eval://": "address: expected vla-eval://HOST:PORT, got",
     "gr00t://host": "address: expected gr00t://HOST:PORT, got",
     "openvla+http://host/\xe4": "address: expected openvla+http://HOST:PORT/act, got",
+    "xpolicylab://": "address: expected xpolicylab://HOST:PORT, got",
     "openvla+ftp://host": "address: expected openvla+http://HOST:PORT/act, got",
     "vla-eval:openpi://host:1": "address: expected vla-eval://HOST:PORT, got",
     "openpi://": "address: expected openpi://HOST:PORT, got",

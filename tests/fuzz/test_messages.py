@@ -13,7 +13,8 @@ from robogauntlet.policies.remote.gr00t import Gr00tOptions
 from robogauntlet.policies.remote.gr00t_modalities import fitted as gr00t_fitted
 from robogauntlet.policies.remote.gr00t_modalities import modalities_in
 from robogauntlet.policies.remote.gr00t_wire import read_message
-from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack
+from robogauntlet.policies.remote.msgpack_numpy import PackingError, nd_message, pack, unpack
+from robogauntlet.policies.remote.openpi_config import check_options, config_in
 from robogauntlet.policies.remote.openvla import as_rows
 from robogauntlet.policies.remote.protocol import (
     as_message,
@@ -25,14 +26,16 @@ from robogauntlet.policies.remote.protocol import (
     query_in,
     routing_in,
 )
-from robogauntlet.policies.remote.server_options import Convention
+from robogauntlet.policies.remote.server_options import Convention, ServerOptions
 from robogauntlet.policies.remote.vla_eval import VlaEvalOptions
 from robogauntlet.policies.remote.vla_eval_messages import Kind, message_of
 from robogauntlet.policies.remote.vla_eval_server import query_of, task_and_convention
 from robogauntlet.policies.remote.vla_eval_specs import fitted
+from robogauntlet.policies.remote.xpolicylab import chunks_in
 from tests.fuzz.damage import damaged_bytes, damaged_value, fuzzed, in_one_line
 from tests.fuzz.example_messages import ANSWER, POLICY, QUERY
 from tests.policies.remote.gr00t_server import LIBERO, N16, N17
+from tests.policies.remote.vllm_omni_server import CONFIG
 
 HELLO = {
     "action_spec": {"position": {"dims": 3, "format": "delta_xyz"}, "gripper": {"dims": 1, "format": "raw"}},
@@ -108,6 +111,22 @@ def test_a_damaged_episode_of_a_benchmark(damaged):
 @example(damaged={"__numpy__": "AAAA", "dtype": "<f8", "shape": [10**9]})
 def test_a_damaged_answer_of_an_openvla_server(damaged):
     refusable(lambda: decode_chunk(Convention(), as_rows(damaged, "actions")))
+
+
+@fuzzed(damaged_value(CONFIG | {"action_space": "delta"}))
+def test_a_damaged_configuration_of_vllm_omni(damaged):
+    def read():
+        config = config_in(damaged if isinstance(damaged, dict) else {})
+        if config is not None:
+            check_options(config, ServerOptions(address="a:1", image_size=32))
+
+    refusable(read)
+
+
+@fuzzed(damaged_value([{"arm": nd_message(np.zeros(7)), "hand": 0.5}] * 2))
+@example(damaged=[{"arm": [[0.0], [0.0, 1.0]], "hand": {b"nd": True, b"type": "<f8", b"shape": [10**9]}}])
+def test_damaged_actions_of_an_xpolicylab_server(damaged):
+    refusable(lambda: decode_chunk(Convention(), {"actions": chunks_in(damaged, ("arm", "hand"))["arm"]}))
 
 
 @fuzzed(st.sampled_from(GR00T_FRAMES).flatmap(damaged_bytes))

@@ -21,6 +21,7 @@ from tests.errors import one_line_error
         ("vla-eval://gpu:8000", "vla-eval-gpu-8000", "vla-eval", {"address": "vla-eval://gpu:8000"}),
         ("openvla+http://gpu:8000", "openvla-http-gpu-8000", "openvla", {"address": "openvla+http://gpu:8000"}),
         ("gr00t://gpu:5555", "gr00t-gpu-5555", "gr00t", {"address": "gr00t://gpu:5555"}),
+        ("xpolicylab://gpu:19000", "xpolicylab-gpu-19000", "xpolicylab", {"address": "xpolicylab://gpu:19000"}),
         ("lerobot:/data/act", "lerobot-data-act", "lerobot", {"checkpoint": "/data/act"}),
         ("zoo:merged", "zoo-merged", "mergevla-merged", {"checkpoint": "zoo:merged"}),
         ("zoo:experts", "zoo-experts", "mergevla-experts", {"folder": "zoo:experts"}),
