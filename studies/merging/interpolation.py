@@ -58,8 +58,9 @@ def measure() -> list[dict[str, object]]:
                 every = TaskStatistics({**base.metadata.statistics.by_task, **own.by_task})
                 save(folder / f"{way}-elsewhere" / task.replace("/", "__"), weights, expert.metadata, every)
         policy = {way: {"kind": "mergevla-experts", "options": {"folder": str(folder / way)}}}
-        for part, seeds, conditions in (("clean", CLEAN_SEEDS, ["clean"]), ("shifted", SHIFTED_SEEDS, SHIFTED[1:])):
-            frames.append(play_policies(folder, f"{way}-{part}", policy, [*experts], seeds, EPISODE, conditions, FIRST))
+        clean = play_policies(folder, f"{way}-clean", policy, [*experts], CLEAN_SEEDS, EPISODE, first=FIRST)
+        shifted = play_policies(folder, f"{way}-shifted", policy, [*experts], SHIFTED_SEEDS, EPISODE, SHIFTED, FIRST)
+        frames += [clean, shifted[shifted.axis != "clean"]]
     for task in experts:
         name = task.replace("/", "__")
         policies: dict[str, dict[str, Any]] = {

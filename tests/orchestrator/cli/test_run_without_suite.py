@@ -66,7 +66,7 @@ def own(folder):
             ("s.yaml", "--policy", "replay", *TASK),
             "policy 'replay' does not fit: it cannot act in null/Reach; it can in ",
         ),
-        (("free.yaml",), "free.yaml: the suite needs a policy; add --policy with openpi://HOST:PORT, "),
+        (("free.yaml",), "free.yaml: the suite needs a policy; add --policy with openpi://HOST:PORT or "),
     ],
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(run_command, folder, arguments, line):

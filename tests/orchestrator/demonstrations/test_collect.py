@@ -78,7 +78,7 @@ def test_patterns_tasks_and_suites_name_the_tasks_and_a_suite_the_view():
         (order(noise=float("nan")), "noise: expected 0 to 1, got nan"),
         (order(first_seed=-1), "first seed: expected 0 to"),
         (order(workers=0), "workers: expected 1 to 256, got 0"),
-        (order(learner="nowhere"), "learner: expected openpi://HOST:PORT, .* got 'nowhere'"),
+        (order(learner="nowhere"), "learner: expected openpi://HOST:PORT or .* got 'nowhere'"),
         (order(whole=True), "whole: expected a learner whose part of the episode is to be recorded, got none"),
         (order(learner="zoo:experts"), "the learner cannot act in 'null/Reach'"),
         (CollectionRequest(("null/Reach",), 1, View(("front",))), "camera: expected third_person or wrist, got front"),
