@@ -51,7 +51,7 @@ LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_658,
     "adapters": 8_685,
-    "policies": 8_431,
+    "policies": 8_420,
     "mergevla": 9_389,
     "results": 15_622,
     "suites": 2_797,

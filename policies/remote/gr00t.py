@@ -7,7 +7,7 @@ The contract is that of https://github.com/NVIDIA/Isaac-GR00T (`getting_started/
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,7 +20,7 @@ from robogauntlet.policies.remote.gr00t_modalities import fitted, modalities_in
 from robogauntlet.policies.remote.gr00t_wire import Gr00tConnection, array_message
 from robogauntlet.policies.remote.remote_policy import RemotePolicy
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, ChunkKeys, Key, ServerOptions, StateKeys
-from robogauntlet.suites.episode import CAMERAS, Episode
+from robogauntlet.suites.episode import CAMERAS
 
 
 class Gr00tOptions(ServerOptions):
@@ -62,20 +62,6 @@ class Gr00tPolicy(RemotePolicy):
         super().__init__(options)
         execute, cameras = options.execute or MAX_ACTIONS, tuple(self._fitted.cameras)
         self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, options.action_dim, cameras)
-
-    def reset(self, episodes: Sequence[Episode]) -> None:
-        """Start these episodes; the server is told with the first query of each."""
-
-    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """Ask the server each query.
-
-        Raises:
-            PolicyError: See `ServerConnection.ask`; or the answer does not fit the options.
-        """
-        return [self._decide(query) for query in queries]
-
-    def finish(self, episodes: Sequence[Episode]) -> None:
-        """Do nothing: the server keeps no state."""
 
     def images_sent(self, query: Query) -> Mapping[str, Image]:
         """Return the images of a query as the server gets them, by its keys."""

@@ -31,7 +31,6 @@ from robogauntlet.policies.remote.conversion import MAX_ACTIONS, decode_chunk, e
 from robogauntlet.policies.remote.msgpack_numpy import MAX_DEPTH, PackingError, array_of
 from robogauntlet.policies.remote.remote_policy import RemotePolicy
 from robogauntlet.policies.remote.server_options import ChunkKeys, Key, ServerOptions, StateKeys
-from robogauntlet.suites.episode import Episode
 from robogauntlet.support.json_text import parse_json
 
 MAX_ANSWER_BYTES = 2**20
@@ -85,20 +84,6 @@ class OpenVlaPolicy(RemotePolicy):
         super().__init__(options)
         execute, cameras = options.execute or MAX_ACTIONS, tuple(options.cameras)
         self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, options.action_dim, cameras)
-
-    def reset(self, episodes: Sequence[Episode]) -> None:
-        """Do nothing: the server keeps no state."""
-
-    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """Ask the server each query.
-
-        Raises:
-            PolicyError: See `ServerConnection.ask`; or the answer does not fit the options.
-        """
-        return [self._decide(query) for query in queries]
-
-    def finish(self, episodes: Sequence[Episode]) -> None:
-        """Do nothing: the server keeps no state."""
 
     def images_sent(self, query: Query) -> Mapping[str, Image]:
         """Return the images of a query as the server gets them, by its keys."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robogauntlet.policies.contract import Contact, PolicyError
+from robogauntlet.policies.contract import Contact, Decision, PolicyError, Query
 from robogauntlet.policies.remote.connection import ServerConnection, error_text
 from robogauntlet.policies.remote.server_options import ServerOptions
-from robogauntlet.suites.episode import content_hash
+from robogauntlet.suites.episode import Episode, content_hash
 
 if TYPE_CHECKING:
     from robogauntlet.policies.remote.websocket import WebsocketConnection
@@ -55,6 +55,20 @@ class RemotePolicy:
         )
         return Contact(options, warning=warning)
 
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Do nothing: most servers are told of an episode by its first query, or not at all."""
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """Ask the server each query.
+
+        Raises:
+            PolicyError: See `ServerConnection.ask`; or the answer does not fit the options.
+        """
+        return [self._decide(query) for query in queries]
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Do nothing: most servers keep no state."""
+
     def close(self) -> None:
         """Close the connection."""
         self._connection.close()
@@ -65,6 +79,10 @@ class RemotePolicy:
 
     def _new_connection(self) -> ServerConnection:
         """Return a connection that hands `_accept` what the server says of itself."""
+        raise NotImplementedError
+
+    def _decide(self, query: Query) -> Decision:
+        """Ask the server one query. Raises as `act`."""
         raise NotImplementedError
 
     def _read_metadata(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
