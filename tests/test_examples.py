@@ -2,22 +2,19 @@
 
 import re
 import runpy
-import subprocess
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from websockets.sync.client import connect
 
 from robogauntlet.orchestrator.runs.checkpoint_folder import ReadyCheckpoints
-from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.run_history import History
 from tests import ROOT
 from tests.orchestrator.cli.test_compare import bad, good, save
-from tests.processes import environment_of, run_process
+from tests.processes import run_process
 
 
 def example(name, *arguments, cwd):
@@ -68,54 +65,6 @@ def test_a_training_writes_checkpoints_that_are_watched_as_they_are(tmp_path, mo
     assert [one.name for one in whole] == ["checkpoint-2", "checkpoint-1"]
     chunk = training["Policy"](str(whole[0].folder))(environment.reset(0)[0]["images"], np.zeros(8), "reach")
     assert chunk.shape == (8, 7)
-
-
-STAND_INS = {
-    "experiments/robot/libero/run_libero_eval.py": """
-from types import SimpleNamespace as GenerateConfig
-
-def initialize_model(config):
-    assert config.task_suite_name == "libero_spatial"
-    return "model", "head", "projector", None, "processor"
-""",
-    "experiments/robot/openvla_utils.py": "def resize_image_for_policy(image, size): return image[:size, :size]",
-    "experiments/robot/robot_utils.py": """
-import numpy as np
-
-def get_image_resize_size(config): return 224
-
-def get_action(config, model, observation, prompt, **more):
-    assert (prompt, model, more["action_head"], more["proprio_projector"]) == ("lift", "model", "head", "projector")
-    corner = observation["full_image"][0, 0, 0] / 255
-    return [np.array([corner, *observation["state"][:3], *observation["wrist_image"].shape[:2], 1.0])] * 8
-""",
-    "openpi_client/msgpack_numpy.py": """
-from robogauntlet.policies.remote.msgpack_numpy import pack, unpack as unpackb
-
-class Packer:
-    pack = staticmethod(pack)
-""",
-}
-
-
-def test_the_server_of_openvla_oft_answers_openpis_queries_with_the_checkpoints_actions(tmp_path):
-    for name, text in STAND_INS.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    command = [sys.executable, ROOT / "examples" / "openvla_oft_server.py", "me/oft", "libero_spatial", "--port", "0"]
-    environment = environment_of(tmp_path)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
-        try:
-            address = server.stdout.readline().split()[0]
-            with connect(address, compression=None) as connection:
-                assert unpack(connection.recv()) == {"checkpoint": "me/oft", "suite": "libero_spatial"}
-                image = np.full((256, 256, 3), 51, np.uint8)
-                query = {"observation/image": image, "observation/wrist_image": image, "prompt": "lift"}
-                connection.send(pack({**query, "observation/state": np.arange(8.0)}))
-                chunk = unpack(connection.recv())["actions"]
-        finally:
-            server.terminate()
-    np.testing.assert_allclose(chunk, [[0.2, 0.0, 1.0, 2.0, 224, 224, 1.0]] * 8)
 
 
 def test_the_pages_have_the_function_of_the_example():

@@ -48,7 +48,7 @@ POLL_S = 2.0
 """Time between two looks at the folder (s)."""
 SETTLE_S = 10.0
 """Time for which the files of a checkpoint stay unchanged before it counts as whole, by default (s)."""
-REWRITTEN = "written again after its run began; it keeps its run, choose another folder with --out to play it anew"
+REWRITTEN = "written again after its run began; it keeps its run, choose another folder with --out to play it again"
 
 
 @dataclass(frozen=True)

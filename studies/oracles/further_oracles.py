@@ -8,11 +8,9 @@ from __future__ import annotations
 import pandas as pd
 
 from robogauntlet.adapters import catalog
-from robogauntlet.results.api import open_run
-from studies.shared import run_suite, table_of
-from studies.tables import WRITTEN, write_episodes
+from studies.oracles.oracles import played
+from studies.shared import table_of
 
-FOLDER = WRITTEN / "further_oracles"
 SIMULATORS = ("metaworld", "gymnasium", "so101")
 FIELDS = ("task", "seed", "status", "steps")
 SUITE = """
@@ -27,12 +25,7 @@ COLUMNS = {"task": "{task}", "horizon": "{horizon}", "oracle": "{oracle}", "mean
 
 def measure() -> list[dict[str, object]]:
     """Play seeds 0 to 19 of every task within its own horizon; nothing is rendered, as the oracles do not look."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    suite = FOLDER / "suite.yaml"
-    suite.write_text(SUITE, encoding="utf-8")
-    run_suite(suite, FOLDER / "run")
-    episodes = open_run(FOLDER / "run").episodes(FIELDS)
-    write_episodes("further_oracles", episodes, ("task", "seed"))
+    episodes = played("further_oracles", SUITE, FIELDS)
     rows = rows_of(episodes)
     table_of(rows, COLUMNS)
     return rows
@@ -43,17 +36,16 @@ def rows_of(episodes: pd.DataFrame) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for name in SIMULATORS:
         own = {f"{name}/{task}": told.horizon for task, told in catalog.find(name).tasks.items()}
-        played = episodes[episodes.task.isin(own)]
-        alike = played.task.nunique()
-        rows.append(_row(f"all {alike} of {catalog.find(name).title}", "", played))
+        every = episodes[episodes.task.isin(own)]
+        rows.append(_row(f"all {every.task.nunique()} of {catalog.find(name).title}", "", every))
         for task, horizon in own.items():
-            its = played[played.task == task]
+            its = every[every.task == task]
             if (its.status != "success").any():
                 rows.append(_row(f"`{task}`", str(horizon), its))
     return rows
 
 
-def _row(task: str, horizon: str, played: pd.DataFrame) -> dict[str, object]:
-    steps = played.steps[played.status == "success"]
+def _row(task: str, horizon: str, episodes: pd.DataFrame) -> dict[str, object]:
+    steps = episodes.steps[episodes.status == "success"]
     needed = f"{steps.mean():.0f} / {steps.max()}"
-    return {"task": task, "horizon": horizon, "oracle": f"{len(steps)} of {len(played)}", "steps": needed}
+    return {"task": task, "horizon": horizon, "oracle": f"{len(steps)} of {len(episodes)}", "steps": needed}

@@ -17,7 +17,6 @@ from robogauntlet.suites.episode import RenderProfile, View
 from studies.shared import run_suite, table_of
 from studies.tables import WRITTEN, episodes_of, write_episodes
 
-FOLDER = WRITTEN / "oracles"
 SIMULATORS = ("maniskill", "pybullet", "robosuite")
 FIELDS = ("task", "seed", "status", "steps", "state_hash", "actions_hash", "policy_digest")
 SUITE = """
@@ -32,12 +31,7 @@ render_profile: fast
 
 def measure() -> list[dict[str, object]]:
     """Play seeds 0 to 99 of every task within its own horizon; nothing is rendered, as the oracles do not look."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    suite = FOLDER / "suite.yaml"
-    suite.write_text(SUITE, encoding="utf-8")
-    run_suite(suite, FOLDER / "run")
-    episodes = open_run(FOLDER / "run").episodes(FIELDS)
-    write_episodes("oracles", episodes, ("task", "seed"))
+    episodes = played("oracles", SUITE, FIELDS)
     for name in SIMULATORS:  # Of all, before the first is imported.
         os.environ.update(worker_environment(catalog.find(name)))
     rows = rows_of(episodes, {task: _bounds(task) for task in tasks()})
@@ -51,6 +45,18 @@ def measure() -> list[dict[str, object]]:
     }
     table_of(rows, columns)
     return rows
+
+
+def played(name: str, suite_text: str, fields: Sequence[str]) -> pd.DataFrame:
+    """Play a suite in a folder of that name, or what it lacks, and write a row per episode beside the measurements."""
+    folder = WRITTEN / name
+    folder.mkdir(parents=True, exist_ok=True)
+    suite = folder / "suite.yaml"
+    suite.write_text(suite_text, encoding="utf-8")
+    run_suite(suite, folder / "run")
+    episodes = open_run(folder / "run").episodes(fields)
+    write_episodes(name, episodes, ("task", "seed"))
+    return episodes
 
 
 def tasks() -> dict[str, int]:
