@@ -90,7 +90,7 @@ def rows_of(frame: pd.DataFrame, settings: Mapping[str, Sequence[str]] = SETTING
 
     `frame` has a row per episode: setting, and the columns `EPISODE`; `settings` names the tasks of each.
     """
-    rows = []
+    rows: list[dict[str, object]] = []
     for setting, tasks in settings.items():
         inside = frame[frame.setting == setting]
         won = inside.assign(won=inside.status.map({"success": 1.0, "failure": 0.0})).pivot(

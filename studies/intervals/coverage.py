@@ -17,7 +17,14 @@ from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochbe
 from robogauntlet.results.statistics.paired_numbers import median_difference, signed_rank
 from robogauntlet.results.statistics.pairs import Pairs, is_no_worse, mcnemar, paired_difference, paired_ratio
 from robogauntlet.results.statistics.rank_agreement import kendall
-from robogauntlet.results.statistics.rates import Estimate, Interval, rate_bounds, rate_difference, wilson_interval
+from robogauntlet.results.statistics.rates import (
+    Estimate,
+    Interval,
+    RateBounds,
+    rate_bounds,
+    rate_difference,
+    wilson_interval,
+)
 from robogauntlet.results.statistics.sequential import log_evidence
 from robogauntlet.results.statistics.severity import falling_trend, severity_curve
 from studies.shared import table_of
@@ -70,6 +77,11 @@ def has(ends: Interval | None, truth: float) -> bool | None:
     return None if ends is None else ends.low - 1e-12 <= truth <= ends.high + 1e-12
 
 
+def interval_of(found: Estimate | RateBounds | None) -> Interval | None:
+    """The interval of an estimate, if there are both."""
+    return None if found is None else found.interval
+
+
 def _wilson(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
     for case in RATES:
         own = rates(case, tasks)
@@ -95,7 +107,7 @@ def _bounds(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
         for wins in generator.binomial(seeds, own, (COUNTED, tasks)).sum(axis=1).tolist():
             errors = int(generator.binomial(tasks * seeds - wins, 0.25))
             limits = rate_bounds(wins, tasks * seeds - wins - errors, errors)
-            found.append(has(limits and limits.interval, own.mean()))
+            found.append(has(interval_of(limits), own.mean()))
         yield case, found
 
 
@@ -106,14 +118,14 @@ def pairs_of(chances: Array, seeds: int, generator: np.random.Generator) -> Iter
 
 
 def _newcombe(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
-    ends = cache(lambda pairs: paired_difference(pairs).interval)
+    ends = cache(lambda pairs: interval_of(paired_difference(pairs)))
     for case, chances in sides(tasks):
         truth = float(np.subtract(*chances.T).mean())
         yield case, [has(ends(pairs), truth) for pairs in pairs_of(chances, seeds, generator)]
 
 
 def _ratio(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
-    ends = cache(lambda pairs: (paired_ratio(pairs) or Estimate(math.nan, None)).interval)
+    ends = cache(lambda pairs: interval_of(paired_ratio(pairs)))
     for case, chances in sides(tasks):
         truth = float(np.divide(*chances.mean(axis=0)))
         yield case, [has(ends(pairs), truth) for pairs in pairs_of(chances, seeds, generator)]
@@ -125,7 +137,7 @@ def _half_of_clean(tasks: int, seeds: int, generator: np.random.Generator) -> Ca
         own, n = rates(case, tasks), tasks * seeds
         wins = generator.binomial(seeds, [own * 0.5, own], (COUNTED, 2, tasks)).sum(axis=2).tolist()
         found = (rate_difference((low, n), (clean, n), 0.5) for low, clean in wins)
-        yield case, [has(one and one.interval, 0.0) for one in found]
+        yield case, [has(interval_of(one), 0.0) for one in found]
 
 
 def _no_worse(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
@@ -178,7 +190,7 @@ def _of_levels(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
 def _trend(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
     for case in RATES:
         own = rates(case, tasks)[:, None].repeat(3, axis=1)
-        found = (falling_trend(played(generator, own, seeds), np.array([0.0, 2, 4])) for _ in range(LINEAR))
+        found = (falling_trend([*played(generator, own, seeds)], np.array([0.0, 2, 4])) for _ in range(LINEAR))
         yield case, [p is not None and p <= ALPHA for p in found]
 
 
@@ -212,7 +224,7 @@ def _area(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
         truth, found = float((chances @ [0.25, 0.5, 0.25]).sum() / chances[:, 0].sum()), []
         for _ in range(CURVES):
             area = severity_curve(list(played(generator, chances, seeds)), [0, 2, 4]).area
-            found.append(has(area and area.interval, truth))
+            found.append(has(interval_of(area), truth))
         yield case, found
 
 
@@ -232,8 +244,8 @@ def _all_levels(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
         truth, found = float((chances[:, 1:3] - chances[:, 4:]).mean()), []
         for _ in range(LINEAR):
             outcomes = played(generator, chances[:, [1, 2, 4, 5]], seeds)
-            ends = equivalence("", list(outcomes), MARGIN)
-            found.append(has(ends and ends.loss.interval, truth))
+            one = equivalence("", list(outcomes), MARGIN)
+            found.append(has(None if one is None else one.loss.interval, truth))
         yield case, found
 
 
@@ -249,7 +261,7 @@ def _equivalent(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
 def _beyond_clean(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
     for case, chances in two_policies(tasks):
         drawn = (interaction("", "", list(played(generator, chances, seeds)), 1) for _ in range(LINEAR))
-        yield case, [has(one and one.extra.interval, 0.0) for one in drawn]
+        yield case, [has(None if one is None else one.extra.interval, 0.0) for one in drawn]
 
 
 def _of_axes(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
@@ -301,7 +313,7 @@ def _mean(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
         own, found = rates(case, tasks)[:, None].repeat(2 * AXES, axis=1), []
         for _ in range(LINEAR // 4):
             estimate = mean_of_levels(list(played(generator, own, seeds)))
-            found.append(has(estimate and estimate.interval, own.mean()))
+            found.append(has(interval_of(estimate), own.mean()))
         yield case, found
 
 
@@ -350,10 +362,10 @@ def measure() -> list[dict[str, object]]:
                         found.append(float(np.mean(right)))
                         cells.append((found[-1], len(right), f"{design}: {case}"))
                 row[design.replace(" ", "")] = float(np.mean(found))
-            share, experiments, case = (min if kind == "covers" else max)(cells)
-            error = math.sqrt(share * (1 - share) / experiments)
-            row |= {"worst": share, "error": error, "case": case, "none": float(np.mean(none))}
-            row["worst_text"] = f"{100 * share:.1f} ± {100 * error:.1f} % ({case})"
+            share, count, where = (min if kind == "covers" else max)(cells)
+            error = math.sqrt(share * (1 - share) / count)
+            row |= {"worst": share, "error": error, "case": where, "none": float(np.mean(none))}
+            row["worst_text"] = f"{100 * share:.1f} ± {100 * error:.1f} % ({where})"
             rows.append(row)
             print(row, flush=True)
     designs = {design: f"{{{design.replace(' ', '')}:.1%}}" for design in DESIGNS}

@@ -94,7 +94,7 @@ def played(
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     """Success by suite and in all with Wilson's interval. `frame` has a row per episode, with the columns `EPISODE`."""
     won = frame.assign(won=frame.status.map({"success": 1.0, "failure": 0.0}))
-    rows = []
+    rows: list[dict[str, object]] = []
     for (policy, axis), title in TITLES.items():
         own = won[(won.policy == policy) & (won.axis == axis)].set_index(["task", "seed"]).won
         rows.append({"policy": policy, "axis": axis, "title": title, **by_suite(own)})

@@ -103,7 +103,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
         index=["task", "seed"], columns="policy", values="won"
     )
     titles = {EXPERTS: "experts", **{name: title for name, (title, _) in (ROUTED | WAYS).items()}}
-    rows = []
+    rows: list[dict[str, object]] = []
     for policy in (name for name in titles if name in won):
         kept = paired_ratio(Pairs.from_outcomes(*won[[policy, EXPERTS]].to_numpy().T))
         assert kept is not None

@@ -150,7 +150,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     won = frame.assign(
         won=frame.status == "success", network=frame.policy.str.replace(r"^part-\d$", "part", regex=True)
     )
-    rows = []
+    rows: list[dict[str, object]] = []
     for network, title in (TITLES | NINE).items():
         own = won[won.network == network]
         if network in NINE:

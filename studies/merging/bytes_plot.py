@@ -96,6 +96,6 @@ def _label(panel: Axes, points: Sequence[Point]) -> None:
             if all(right < start or left > end or abs(place - other) > HEIGHT for start, end, other in taken):
                 taken.append((left, right, place))
                 colour = COLOURS[KINDS.index(point.kind)]
-                style = {"transform": panel.transAxes, "verticalalignment": "center", "fontsize": 5.5}
-                panel.text(left, place, point.name, color=colour, **style)
+                here = panel.transAxes
+                panel.text(left, place, point.name, color=colour, transform=here, va="center", fontsize=5.5)
                 break

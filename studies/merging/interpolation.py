@@ -79,7 +79,7 @@ def measure() -> list[dict[str, object]]:
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     """Success with Wilson's interval: in the expert's own task, clean and shifted, and in the tasks of the others."""
     won = frame.assign(won=frame.status == "success")
-    rows = []
+    rows: list[dict[str, object]] = []
     for way, (title, *_) in WAYS.items():
         own, others = won[won.policy == way], won[won.policy == f"{way}-elsewhere"]
         parts = {"clean": own[own.axis == "clean"], "shifted": own[own.axis != "clean"], "others": others}

@@ -57,7 +57,7 @@ def added(experts: Sequence[Weights], shares: Sequence[float]) -> dict[str, Tens
     return {
         name: sum(share * expert[name].float() for share, expert in zip(shares, experts, strict=True))
         for name in experts[0]
-    }  # type: ignore[misc]
+    }
 
 
 def save(folder: Path, weights: Weights, metadata: CheckpointMetadata, statistics: TaskStatistics) -> None:

@@ -75,7 +75,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     won = named.assign(task=frame.task, won=100.0 * (frame.status == "success"))
     rates = won.groupby(["kind", "way", "training", "task"]).won.mean().groupby(["kind", "way", "training"]).mean()
     by_seed = rates.unstack("training")
-    rows = []
+    rows: list[dict[str, object]] = []
     for kind in (kind for kind in KINDS if kind in by_seed.index):
         own = {way: by_seed.loc[kind, way].dropna() for way in WAYS if (kind, way) in by_seed.index}
         cells = {way: _by_training(rates) for way, rates in own.items()}
@@ -83,7 +83,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
             apart = {way: (rates - by_seed.loc[REFERENCE, way]).dropna() for way, rates in own.items()}
             cells |= {way: f"{cells[way]}: {_difference(points)}" for way, points in apart.items() if len(points)}
         means = {way: float(rates.mean()) for way, rates in own.items()}
-        rows.append({"kind": kind, "title": KINDS[kind], "mean": means} | dict.fromkeys(WAYS, "") | cells)
+        rows.append({"kind": kind, "title": KINDS[kind], "mean": means, **dict.fromkeys(WAYS, ""), **cells})
     return rows
 
 

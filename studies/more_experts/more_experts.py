@@ -74,7 +74,7 @@ def measure() -> list[dict[str, object]]:
     folder = folder_of_experts()
     tasks = in_order(expert_folders(folder / "experts"))
     apart = {EXPERTS: {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}
-    frames, described = [], {}
+    frames, described = [], dict[tuple[str, int], dict[str, str]]()
     for number in (number for number in NUMBERS if number <= len(tasks)):
         last = number == min(NUMBERS[-1], len(tasks))  # what is not merged does not depend on the number
         ways = [way for way in WAYS if last or way != UNMERGED]

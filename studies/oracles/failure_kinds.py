@@ -6,10 +6,9 @@ The scripts and the rules were tried out on seeds from 700,000; these seeds were
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict
 
 from robogauntlet.results.record import FailureKind
-from robogauntlet.results.statistics.rates import wilson_interval
+from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from studies.shared import open_task, table_of
 from tests.orchestrator.episodes.scripted_failures import TASKS, VIEW, play_failures
 
@@ -43,7 +42,13 @@ def _row(kind: str, found: dict[tuple[str, str, str], int]) -> dict[str, object]
     for (_, made, measured), n in found.items():
         others[measured] += n if made != measured else 0
     told = ", ".join(f"{name} {n}" for name, n in others.most_common() if n)
-    low, high = asdict(wilson_interval(agree, episodes)).values()
+    ends = wilson_interval(agree, episodes) or Interval(0.0, 1.0)
     counts = [{"task": task, "made": made, "measured": measured, "n": n} for (task, made, measured), n in found.items()]
     row = {"kind": kind, "tasks": len({task for task, _, _ in found}), "episodes": episodes, "agree": agree}
-    return row | {"share": agree / max(1, episodes), "low": low, "high": high, "others": told or "-", "counts": counts}
+    return row | {
+        "share": agree / max(1, episodes),
+        "low": ends.low,
+        "high": ends.high,
+        "others": told or "-",
+        "counts": counts,
+    }

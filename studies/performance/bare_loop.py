@@ -1,7 +1,7 @@
 """A worker's rollout against a bare loop on the simulator's own API, with the same frames, actions and seeds."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
 
@@ -25,7 +25,7 @@ class Fixed(StatelessPolicy):
     def __init__(self, chunk: FloatArray) -> None:
         self.chunk = chunk
 
-    def act(self, queries: list[Query]) -> list[Decision]:
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """The chunk."""
         return [Decision(self.chunk) for _ in queries]
 

@@ -51,7 +51,8 @@ def parts_of_episodes(
 
 
 def _parts_of_episodes(cell: Cell, source: PolicySource, seeds: Sequence[int]) -> dict[str, Any]:
-    policy, simulation = build_policy(source), catalog.open_simulation(cell.task, cell.protocol.view)
+    policy = build_policy(source)
+    simulation: Any = catalog.open_simulation(cell.task, cell.protocol.view)
     engine_times: list[float] = []
     played = []
     for episode in map(cell.episode, seeds):

@@ -10,6 +10,7 @@ from statistics import median
 import numpy as np
 
 from robogauntlet.adapters.libero.assets import package_folder
+from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
 from robogauntlet.suites.episode import RenderProfile, View
 from studies.shared import open_task, table_of
 
@@ -27,6 +28,7 @@ def measure() -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for task in LIBERO if package_folder() else ROBOSUITE:
         simulation = open_task(task, View(render_profile=RenderProfile.FAST))
+        assert isinstance(simulation, MujocoSimulation)
         mujoco, model, data, env = simulation._mujoco, simulation._model, simulation._data, simulation._env
         alone, high, state = mujoco.MjData(model), simulation.action_spec.high, mujoco.mjtState.mjSTATE_INTEGRATION
         before = np.empty(mujoco.mj_stateSize(model, state))

@@ -42,6 +42,7 @@ def _first_reset(task: str, environments: Any) -> float:
     from robogauntlet.orchestrator.episodes.lease import Lease
     from robogauntlet.orchestrator.episodes.policy_source import PolicySource
     from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
+    from robogauntlet.orchestrator.scheduling.worker_pool import EpisodesFinished
     from robogauntlet.suites.episode import Cell, Protocol, View
 
     cell = Cell("random", "random", task, Protocol(1, 1, View(("third_person",), 32)))
@@ -52,9 +53,11 @@ def _first_reset(task: str, environments: Any) -> float:
     events = [worker.next_event(), worker.next_event()]
     assert worker.pending is None, events
     worker.play(Lease(cell, (0,)))
-    while not (results := worker.next_event().results):
-        pass  # the policy is loaded
-    (result,) = results
+    event = worker.next_event()
+    while isinstance(event, EpisodesFinished) and not event.results:  # the policy is loaded
+        event = worker.next_event()
+    assert isinstance(event, EpisodesFinished), event
+    (result,) = event.results
     assert result.error is None, result.error
     pool.end(worker)
     pool.close()

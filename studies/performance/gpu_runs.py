@@ -20,7 +20,7 @@ PLACES: dict[str, tuple[str, dict[str, Any]]] = {
     "gpu": ("the GPU, from each worker", {"device": "cuda"}),
     "served": ("the GPU, from a process for all workers", {"device": "cuda"}),
 }
-POLICIES = {
+POLICIES: dict[str, dict[str, Any]] = {
     "experts": {"kind": "mergevla-experts", "options": {"folder": "zoo:experts"}},
     "merged": {"kind": "mergevla-merged", "options": {"checkpoint": "zoo:merged"}},
 }

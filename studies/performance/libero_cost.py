@@ -40,7 +40,8 @@ def measure() -> list[dict[str, object]]:
     """Core hours for a thousand episodes of the first task of each suite's expert, means over seeds."""
     rows: list[dict[str, object]] = []
     for suite, title in SUITES.items():
-        task, row = tasks_of(suite)[0], {"suite": title}
+        task = tasks_of(suite)[0]
+        row: dict[str, object] = {"suite": title}
         policy = catalog.load("mergevla", {"checkpoint": f"{EXPERTS}/libero-{suite}"})
         played: dict[str, list[tuple[int, str]]] = {}
         for way, (profile, quick, eager) in WAYS.items():

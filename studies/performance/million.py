@@ -51,7 +51,7 @@ def _fill(folder: Path) -> int:
     simulators = ("maniskill", "pybullet", "robosuite")
     tasks = tuple(f"{name}/Task{number}" for name in simulators for number in range(3))
     axes = [name for name, axis in AXES.items() if name not in CONTROLS]
-    conditions = (Condition(), Condition("blind", 1), Condition("again", 1))
+    conditions: tuple[Condition, ...] = (Condition(), Condition("blind", 1), Condition("again", 1))
     conditions += tuple(Condition(name, severity) for name in axes for severity in (2, 4))
     plan = cells(("oracle", "experts", "merged-oracle-routed", "merged"), tasks, conditions)
     seeds = -(-EPISODES // len(plan))

@@ -10,7 +10,7 @@ import re
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -54,7 +54,7 @@ def measure() -> list[dict[str, object]]:
     return [{**row, "load": load} for row in rows]
 
 
-def _row(title: str, kind: str, options: dict[str, object]) -> dict[str, object]:
+def _row(title: str, kind: str, options: Mapping[str, object]) -> dict[str, object]:
     policy = catalog.load(kind, options)
     generator = np.random.default_rng(0)
     images = {c: generator.integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8) for c in ("third_person", "wrist")}

@@ -28,8 +28,8 @@ def measure() -> list[dict[str, object]]:
                 outcomes.add((result.actions_hash, result.final_state_hash, result.status, result.steps))
             same &= len(outcomes) == 1
         simulation.close()
-        lazy, eager = (3600 * EPISODES / seconds[which] for which in (False, True))
-        row = {"task": task, "on_demand_per_hour": lazy, "eager_per_hour": eager}
+        on_demand, every_step = (3600 * EPISODES / seconds[which] for which in (False, True))
+        row = {"task": task, "on_demand_per_hour": on_demand, "eager_per_hour": every_step}
         rows.append({**row, "ratio": seconds[True] / seconds[False], "identical": same})
     columns = {"task": "{task}", "on demand, episodes/h": "{on_demand_per_hour:.0f}"}
     columns |= {"every step, episodes/h": "{eager_per_hour:.0f}", "ratio": "{ratio:.2f}"}

@@ -54,7 +54,7 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
     from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
     from robogauntlet.orchestrator.scheduling.work_queue import work_queues
     from robogauntlet.results.store.episode_store import Store
-    from robogauntlet.suites.episode import Cell, Condition, Protocol
+    from robogauntlet.suites.episode import Cell, Condition, Episode, Protocol
     from tests.orchestrator.conftest import RecordingObserver
     from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
 
@@ -64,8 +64,8 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
     drawn = rng.lognormal(0.0, 0.35, size=1 << 16)
     count = iter(range(2 * episodes))
 
-    def seconds(episode: object) -> float:
-        return float(np.clip(typical[episode.task] * drawn[next(count) % len(drawn)], SHORTEST_S, LONGEST_S))  # type: ignore[attr-defined]
+    def seconds(episode: Episode) -> float:
+        return float(np.clip(typical[episode.task] * drawn[next(count) % len(drawn)], SHORTEST_S, LONGEST_S))
 
     policies = [f"policy{i}" for i in range(CELLS // len(tasks))]
     work = [
@@ -75,7 +75,7 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
     ]
     options = SchedulerOptions(lambda: workers, episode_time_limit_s=120.0, allowed_errors=0)
     observer = RecordingObserver()
-    observer.on_results = lambda rows: None  # type: ignore[method-assign]
+    observer.on_results = lambda rows: None
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open_file(Path(folder) / "episodes.sqlite", "scale")
         clock = Clock(time.perf_counter)
@@ -104,6 +104,7 @@ def ray_costs() -> tuple[float, float]:
     from robogauntlet.orchestrator.episodes.policy_source import PolicySource
     from robogauntlet.orchestrator.ray_runtime.session import ray_session
     from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
+    from robogauntlet.orchestrator.scheduling.worker_pool import EpisodesFinished
     from robogauntlet.suites.episode import Cell, Protocol
 
     with ray_session(address=None, workers=1):
@@ -114,8 +115,10 @@ def ray_costs() -> tuple[float, float]:
             pool.wait(60.0)
             worker.next_event()
         worker.play(Lease(cell, (0,)))
-        while not worker.next_event().last:
-            pass  # the policy is loaded
+        event = worker.next_event()
+        while isinstance(event, EpisodesFinished) and not event.last:  # the policy is loaded
+            event = worker.next_event()
+        assert isinstance(event, EpisodesFinished), event
         spent = 0.0
         for seed in range(EVENTS):
             start = time.perf_counter()

@@ -7,6 +7,7 @@ policy answers for the whole batch, and a batch is stepped until the last of its
 import json
 import os
 import time
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -20,6 +21,7 @@ from robogauntlet.orchestrator.api.task_environment import TaskEnvironment
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
+from robogauntlet.suites.episode import Episode
 from studies.shared import EXPERT_VIEW as VIEW
 from studies.shared import POLICY_OPTIONS, TASKS, duration_s, episodes, play_suite, speed_up, table_of
 
@@ -54,12 +56,12 @@ def plain(task: str, kind: str, *, own: bool) -> tuple[float, list[bool], int]:
     instruction = catalog.task_descriptions()[task].instruction
     everything = list(episodes(task, kind, VIEW, EPISODES))
 
-    def query(seen: Any, own: Any, step: int) -> Any:
+    def query(seen: Any, playing: Sequence[Episode], step: int) -> Any:
         shown = ({camera: seen["images"][camera][i] for camera in VIEW.cameras} for i in range(PROCESSES))
         observations = [Observation(images, seen["proprioception"][i], instruction) for i, images in enumerate(shown)]
         queries = [
             Query(episode, step, observation=observation)
-            for episode, observation in zip(own, observations, strict=True)
+            for episode, observation in zip(playing, observations, strict=True)
         ]
         return np.stack([decision.actions for decision in policy.act(queries)])
 
@@ -68,20 +70,20 @@ def plain(task: str, kind: str, *, own: bool) -> tuple[float, list[bool], int]:
     chunk = query(seen, everything[:PROCESSES], 0).shape[1]
     start = time.perf_counter()
     for first in range(0, EPISODES, PROCESSES):
-        own = everything[first : first + PROCESSES]
-        seen, _ = batch.reset(seed=[episode.seed for episode in own])
-        policy.reset(own)
+        playing = everything[first : first + PROCESSES]
+        seen, _ = batch.reset(seed=[episode.seed for episode in playing])
+        policy.reset(playing)
         won, over, step = np.zeros(PROCESSES, bool), np.zeros(PROCESSES, bool), 0
         chunks: Any = None
         while not over.all():
             if step % chunk == 0:
-                chunks = query(seen, own, step)
+                chunks = query(seen, playing, step)
             seen, _, terminated, truncated, _ = batch.step(chunks[:, step % chunk])
             won |= terminated & ~over
             over |= terminated | truncated
             step += 1
         succeeded += won.tolist()
-        policy.finish(own)
+        policy.finish(playing)
     seconds = time.perf_counter() - start
     batch.close()
     return seconds, succeeded, chunk

@@ -126,5 +126,5 @@ def paired(frame: pd.DataFrame, policies: Sequence[str]) -> list[np.ndarray]:
             columns=pd.MultiIndex.from_tuples(columns)
         )
         sides = np.stack(np.hsplit(wide.to_numpy(), len(policies)))
-        found.append(np.hstack(np.where(np.isnan(sides).any(axis=0), np.nan, sides)))
+        found.append(np.hstack([*np.where(np.isnan(sides).any(axis=0), np.nan, sides)]))
     return found

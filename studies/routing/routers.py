@@ -62,7 +62,7 @@ def measure() -> list[dict[str, object]]:
         ways |= {f"{way} ({name})": (name, scores) for way, scores in paper_ways.items()}
     rows = []
     for way, (merged_as, scores) in ways.items():
-        row = {"router": way.partition(" (")[0], "model": merged_as}
+        row: dict[str, object] = {"router": way.partition(" (")[0], "model": merged_as}
         for sees, instruction in ((True, "read"), (False, "hidden")):
             row |= row_of(instruction, scores(seen, sees), seen, model.experts)
         print({name: text for name, text in row.items() if not name.startswith("decisions")}, flush=True)
@@ -206,6 +206,7 @@ def paper_routers(model: MergedModel, experts: str, options: Sequence[str]) -> d
     import torch
 
     from robogauntlet_mergevla.checkpoints.expert_checkpoint import load_tensors
+    from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
     from robogauntlet_mergevla.options import expert_folders
     from robogauntlet_mergevla.routing.contract import hidden_states
     from robogauntlet_mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
@@ -214,20 +215,17 @@ def paper_routers(model: MergedModel, experts: str, options: Sequence[str]) -> d
     folders = {model.expert_of[task]: folder for task, folder in expert_folders(shipped(experts)).items()}
     own = {expert: load_tensors(folder)[0] for expert, folder in folders.items()}
 
-    class Own:
+    class Own(MergedModel):
         """The model with the experts' own, unmerged projections."""
 
-        architecture, kept_blocks = model.architecture, model.kept_blocks
-        own_value_weights = staticmethod(model.own_value_weights)
-
-        @staticmethod
-        def projections(expert: str, block: int) -> dict[str, Tensor]:
+        def projections(self, expert: str, block: int) -> dict[str, Tensor]:
             names = ("k_adapter", "k_task", "v_adapter", "v_task")
             return {name: own[expert][f"action_expert.blocks.{block}.{name}.weight"] for name in names}
 
-    routers = {}
+    unmerged = Own(model.parts)
+    routers: dict[str, tuple[PaperCodedRouter | PaperWrittenRouter, MergedModel]] = {}
     for one in map(SubspaceOptions.read, options):
-        for router, merged in ((PaperCodedRouter(one), Own), (PaperWrittenRouter(one), model)):
+        for router, merged in ((PaperCodedRouter(one), unmerged), (PaperWrittenRouter(one), model)):
             if not (merged is model and one.block == model.architecture.language.layers - 1):  # the default there
                 routers[router.name] = router, merged
     found: dict[bool, dict[str, Tensor]] = {}

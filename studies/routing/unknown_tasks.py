@@ -104,15 +104,13 @@ def rows_of(frame: pd.DataFrame, thresholds: Mapping[tuple[str, str], float]) ->
 
 
 def _cells(task: str, instruction: str, own: Sequence[Detection]) -> dict[str, str]:
-    rejected = [one.rejected.rate for one in own if one.rejected is not None]
-    alarms = [one.false_alarms.rate for one in own if one.false_alarms is not None]
     is_known = task == "known tasks"
+    shares = [one.false_alarms if is_known else one.rejected for one in own]
+    rejected = fmean(share.rate for share in shares if share is not None and share.rate is not None)
     return {
         f"AUROC, {instruction}": "" if is_known else f"{fmean(one.auroc for one in own):.3f}",
         f"false positives, {instruction}": ""
         if is_known
         else f"{100 * fmean(one.false_positives for one in own):.1f} %",
-        f"rejected, {instruction}": f"{100 * fmean(map(float, alarms)):.1f} %"
-        if is_known
-        else f"{100 * fmean(map(float, rejected)):.0f} %",
+        f"rejected, {instruction}": f"{100 * rejected:.1f} %" if is_known else f"{100 * rejected:.0f} %",
     }

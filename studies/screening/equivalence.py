@@ -6,7 +6,6 @@ and an episode if its axis delivered something.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
@@ -48,14 +47,14 @@ def counted(_: list[dict[str, Any]]) -> list[dict[str, Any]]:
     pairs = sides[solved].dropna(subset=["experts", "merged"])
     rate = pairs[["experts", "merged"]].mean(axis=1).groupby("level").transform("mean")
     simulators = pairs.index.get_level_values("simulator")
-    groups: dict[str, Callable[[], Any]] = {"all": lambda: rate >= 0}
-    groups |= {str(name): lambda name=name: simulators == name for name in sorted(simulators.unique())}
+    groups = {"all": rate >= 0}
+    groups |= {str(name): simulators == name for name in sorted(simulators.unique())}
     groups |= {
-        "both below 50 %": lambda: rate < 0.5,
-        "both 50 to 85 %": lambda: (rate >= 0.5) & (rate < 0.85),
-        "both 85 % or more": lambda: rate >= 0.85,
+        "both below 50 %": rate < 0.5,
+        "both 50 to 85 %": (rate >= 0.5) & (rate < 0.85),
+        "both 85 % or more": rate >= 0.85,
     }
-    return [_row(name, pairs[chosen()]) for name, chosen in groups.items()]
+    return [_row(name, pairs[chosen]) for name, chosen in groups.items()]
 
 
 def _row(name: str, pairs: pd.DataFrame) -> dict[str, Any]:
