@@ -34,6 +34,8 @@ def _parse(command: Any, parse: Callable[..., Any], context: Any, arguments: lis
         meant = MEANT.get(getattr(error, "option_name", ""))
         if meant is not None and any(meant in parameter.opts for parameter in command.params):
             error.possibilities = [meant]  # type: ignore[attr-defined]
+        if hasattr(error, "message"):
+            error.message = error.message.removeprefix("Value error, ")  # of pydantic
         raise
     for parameter in command.params:
         given = context.params.get(parameter.name)

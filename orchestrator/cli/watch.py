@@ -77,6 +77,8 @@ def watch(
     arguments = ["robogauntlet", "watch", str(folder), "--suite", suite]
     arguments += [] if policy_kind is None else ["--policy-kind", policy_kind]
     arguments += [argument for name, value in options.items() for argument in ("--option", option_text(name, value))]
+    ends = {"--until": until, "--idle": idle, "--settle": None if settle == SETTLE_S else settle}
+    arguments += [str(part) for given in ends.items() if given[1] is not None for part in given]
     command = shlex.join([*arguments, "--out", str(target)])
     watching = CheckpointWatch(watched, target, ReadyCheckpoints(folder, settle, fail), fail, out, command, history)
     try:

@@ -47,7 +47,7 @@ TYPED = {
     "rnu suite.yaml": "No such command 'rnu'",
     "check polcy random": "No such command 'polcy'. Did you mean 'policy'?",
     "list extra": "No such command 'extra'",
-    "report runs/monday --table nope": "'nope' is not one of 'latex'",
+    "report runs/monday --table nope": "Invalid value for '--table': 'nope' is not one of 'latex'",
     "replay": "expected an episode's id, or --policy, --task and --seed; got no id and no",
     # suites
     "plan --check nowhere.yaml": "nowhere.yaml: no such file",

@@ -60,11 +60,13 @@ def test_an_interruption_says_how_to_go_on(run_command, training, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("robogauntlet.orchestrator.runs.checkpoint_watch.time.sleep", stop)
-    done = run_command("watch", "training", "--suite", "nulls.yaml", "--option", "device=cuda", "--out", "out")
+    done = run_command(
+        "watch", "training", "--suite", "nulls.yaml", "--option", "device=cuda", "--until", "3", "--out", "out"
+    )
     assert done.code == 130
     assert done.err == (
         "robogauntlet: interrupted; continue with: robogauntlet watch training --suite nulls.yaml "
-        "--option 'device=\"cuda\"' --out out\n"
+        "--option 'device=\"cuda\"' --until 3 --out out\n"
     )
 
 
