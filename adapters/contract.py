@@ -305,7 +305,7 @@ class TaskDescription:
     goal: Goal | None = None
     """Without it, progress and the kinds of failures are not measured."""
     published_instruction: str = ""
-    """What the benchmark's own code gives, if it says more than the goal; see the control `variant-name`."""
+    """What the benchmark's own code gives, if it is another; see the control `variant-name`."""
     robot: str = ""
     """The robot that plays it, if others can: tasks with the same name before an `@` differ in it."""
     arms: int = 1

@@ -63,6 +63,15 @@ MUJOCO = r"""@inproceedings{todorov2012mujoco,
   doi = {10.1109/IROS.2012.6386109}
 }"""
 
+LIBERO_PRO = r"""@misc{zhou2025liberopro,
+  title = {{LIBERO-PRO}: Towards Robust and Fair Evaluation of Vision-Language-Action Models Beyond Memorization},
+  author = {Zhou, Xueyang and Xu, Yangming and Tie, Guiyao and Chen, Yongchao and Zhang, Guowen and Chu, Duanfeng and
+    Zhou, Pan and Sun, Lichao},
+  year = {2025},
+  eprint = {2510.03827},
+  archiveprefix = {arXiv}
+}"""
+
 LIBERO_PLUS = r"""@misc{fei2025liberoplus,
   title = {{LIBERO-Plus}: In-depth Robustness Analysis of Vision-Language-Action Models},
   author = {Fei, Senyu and Wang, Siyin and Shi, Junhao and Dai, Zihao and Cai, Jikun and Qian, Pengfang and Ji, Li and

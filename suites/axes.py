@@ -18,7 +18,7 @@ from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 
 SEVERITIES = 5
 VARIANT_NAME = "variant-name"
-NO_VARIANT_NAME = "the instruction that its benchmark gives names no variant"
+NO_VARIANT_NAME = "the instruction that its benchmark's own code gives is no other"
 """Why a task does not support that control."""
 
 
@@ -341,9 +341,9 @@ _ALL = (
         name=VARIANT_NAME,
         changes=Changes.INSTRUCTION,
         unchanged=None,
-        summary="The instruction is the one that the benchmark's own code gives, which ends with the name of the "
-        "variant. A policy whose success differs reads more than the goal. For LIBERO-Plus only.",
-        references="LIBERO-Plus derives instructions from file names in six of its seven axes (2510.13626)",
+        summary="The instruction is the one that the benchmark's own code makes from a file's name: LIBERO-Plus's ends "
+        "with the name of the variant, LIBERO-PRO's is that of the unchanged task.",
+        references="LIBERO-Plus (2510.13626) in six of its seven axes, LIBERO-PRO (2510.03827) in all",
     ),
     Axis(
         name="again",

@@ -50,13 +50,13 @@ PLAYS = {
 LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_662,
-    "adapters": 8_685,
+    "adapters": 8_668,
     "policies": 8_420,
     "mergevla": 9_389,
     "results": 15_622,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 50_840,
+    "tests": 50_873,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

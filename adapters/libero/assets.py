@@ -1,17 +1,13 @@
 """Finds LIBERO's assets (meshes, textures, scenes), which the distribution does not contain. Does not import LIBERO.
 
 `robogauntlet env create libero` installs LIBERO's own from five distributions, `DISTRIBUTIONS`. Nothing else downloads
-them. `python -m robogauntlet.adapters.libero.assets` prints the assets in use; with `--unpack ARCHIVE` it first unpacks
-an archive with a folder `assets`.
+them.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
-import tarfile
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -72,11 +68,6 @@ def installed_folder() -> Path | None:
     return next((place for place in places if place.is_dir()), None)
 
 
-def cache_folder() -> Path:
-    """Return the folder in which `--unpack` and LIBERO's own download put assets."""
-    return Path.home() / ".cache" / "libero" / "assets"
-
-
 def configuration() -> Path:
     """Return the path of LIBERO's configuration file."""
     return Path(os.environ.get("LIBERO_CONFIG_PATH", Path.home() / ".libero")) / "config.yaml"
@@ -96,9 +87,6 @@ def candidates() -> Iterator[tuple[str, Path]]:
             yield str(configuration()), Path(settings["assets"])
     if (installed := installed_folder()) is not None:
         yield INSTALLED, installed
-    if (package := package_folder()) is not None:
-        yield "the package's own folder", package / "assets"
-    yield "LIBERO's cache", cache_folder()
 
 
 def find_assets() -> Assets:
@@ -118,50 +106,8 @@ def find_assets() -> Assets:
                     f"sizes hash to {FINGERPRINT}, found {found}; install them again: {REMEDY}"
                 )
             return assets
-    where = ", ".join(f"{folder} ({source})" for source, folder in searched.items())
+    where = ", ".join(f"{folder} ({source})" for source, folder in searched.items()) or f"the package {INSTALLED}"
     raise SimulatorUnavailable(
         f"LIBERO's assets are missing: expected folders {PARTS[0]}, {PARTS[1]}, ... in {where}; install them: "
-        f"{REMEDY}, set {VARIABLE} to their folder, or unpack an archive of them: "
-        "python -m robogauntlet.adapters.libero.assets --unpack ARCHIVE"
+        f"{REMEDY}, or set {VARIABLE} to their folder"
     )
-
-
-def unpack(archive: Path, folder: Path) -> Assets:
-    """Unpack an archive's folder `assets` as `folder`, unless that exists. An interrupted call leaves nothing behind.
-
-    Raises:
-        SimulatorUnavailable: The archive has no such folder, or anything but files and folders in it.
-    """
-    if not folder.is_dir():
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with (
-            tarfile.open(archive) as packed,
-            tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-partial-") as partial,
-        ):
-            members = [member for member in packed.getmembers() if member.name.partition("/")[0] == "assets"]
-            if not members:
-                raise SimulatorUnavailable(f"{archive}: expected a folder 'assets' in this archive, found none")
-            for member in members:  # Python before 3.11.4 has no extraction filters
-                if not (member.isreg() or member.isdir()) or ".." in Path(member.name).parts:
-                    raise SimulatorUnavailable(f"{archive}: expected files and folders, found {member.name}")
-                member.mode = 0o755 if member.isdir() else 0o644
-            packed.extractall(partial, members)
-            (Path(partial) / "assets").rename(folder)
-    return Assets(folder.resolve(), (folder / STAND_INS).is_file())
-
-
-def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m robogauntlet.adapters.libero.assets", description=__doc__)
-    parser.add_argument("--unpack", type=Path, metavar="ARCHIVE", help=f"unpack it to {cache_folder()}")
-    arguments = parser.parse_args()
-    try:
-        if arguments.unpack is not None:
-            unpack(arguments.unpack, cache_folder())
-        assets = find_assets()
-    except (SimulatorUnavailable, OSError, tarfile.TarError) as error:
-        raise SystemExit(str(error)) from None
-    print(f"{assets}, in {assets.folder}")
-
-
-if __name__ == "__main__":
-    _main()

@@ -1,6 +1,6 @@
 """Writes `tasks.json`: `python -m robogauntlet.adapters.libero.generate_tasks`, where LIBERO is installed.
 
-The file has all that the catalog needs without importing LIBERO. A test compares it with the package.
+The file has all that the catalog needs without importing LIBERO and LIBERO-PRO. A test compares it with the package.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.libero.libero_import import import_libero
-from robogauntlet.adapters.libero.tasks import SUITES
+from robogauntlet.adapters.libero.tasks import SCENE, SUITES, sentence
 
-SCENE = re.compile(r"([A-Z_]+)_SCENE(\d+)_")
 SAME = 1e-3
 """Positions within this distance count as equal (m)."""
 FREE = 10
@@ -26,7 +25,7 @@ FILLERS = {"the", "of", "and", "it", "a", "up"}
 
 
 def survey() -> list[dict[str, Any]]:
-    """Return every task of the five suites, in LIBERO's order."""
+    """Return every task of all suites, in LIBERO's order."""
     package = import_libero()
     return [entry for suite in SUITES for entry in _suite(suite, package.task_map[SUITES[suite]], package)]
 
@@ -43,7 +42,7 @@ def _suite(suite: str, names: Sequence[str], package: Any) -> Iterator[dict[str,
             "task": f"{suite}-{number:0{digits}}-{'-'.join(short)}",
             "suite": suite,
             "name": name,
-            "instruction": SCENE.sub("", name).replace("_", " "),
+            "instruction": " ".join(problem["language_instruction"]) if suite.startswith("pro-") else sentence(name),
             **_scene_facts(problem, package.stored_states(SUITES[suite], name)),
         }
 

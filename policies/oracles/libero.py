@@ -383,4 +383,6 @@ BY_NAME: dict[str, Callable[[], Script]] = {
         _on_stove("moka_pot_1", -0.042), last=_on_stove("moka_pot_2", 0.042)
     ),
 }
-SCRIPTS: dict[str, Callable[[], Script]] = {f"libero/{name}": script for name, script in BY_NAME.items()}
+SCRIPTS: dict[str, Callable[[], Script]] = {
+    f"libero/{pro}{name}": script for pro in ("", "pro-language-", "pro-swap-") for name, script in BY_NAME.items()
+}

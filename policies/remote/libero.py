@@ -11,7 +11,7 @@ import re
 
 import numpy as np
 
-from robogauntlet.adapters.catalog import simulators
+from robogauntlet.adapters.catalog import original, simulators
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.frames import axis_angle, axis_angle_as_signed
 from robogauntlet.policies.contract import PolicyMismatch
@@ -37,18 +37,16 @@ mirrored."""
 
 
 def base_of(task: str) -> FloatArray:
-    """Return the base's position (3,), m, in the world of a task (`libero/...`, `libero-plus/...`).
+    """Return the base's position (3,), m, in the world of a task of LIBERO, or of one of which it is a variant.
 
     Raises:
         PolicyMismatch: It is a task of another simulator.
     """
-    simulator, _, name = task.partition("/")
-    if simulator == "libero-plus":  # after the axis, names are as LIBERO's
-        name = name.partition("-")[2]
+    simulator, _, name = original(task).partition("/")
     suite, _, rest = name.partition("-")
     words = rest.split("-")
     scene = SCENES.get(suite, words[1].rstrip("0123456789") if len(words) > 1 else "")
-    if simulator not in ("libero", "libero-plus") or scene not in BASES:
+    if simulator != "libero" or scene not in BASES:
         raise PolicyMismatch(f"convention libero: expected a task of LIBERO, got {task}")
     return np.array(BASES[scene])
 

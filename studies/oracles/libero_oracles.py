@@ -5,6 +5,7 @@ The run stays in `runs/bench/libero-oracles`, so that a second call plays what i
 
 import pandas as pd
 
+from robogauntlet.adapters.catalog import original
 from robogauntlet.adapters.libero.tasks import STORED_STATES, libero_tasks
 from robogauntlet.policies.oracles.libero import SCRIPTS
 from robogauntlet.results.api import open_run
@@ -26,7 +27,12 @@ def measure() -> list[dict[str, object]]:
     """Play seeds 0 to 49 of every task with a script; nothing is rendered, as the oracle does not look."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     suite = FOLDER / "suite.yaml"
-    suite.write_text(SUITE.format(tasks=", ".join(reversed(SCRIPTS)), states=STORED_STATES), encoding="utf-8")
+    suite.write_text(
+        SUITE.format(
+            tasks=", ".join(reversed([task for task in SCRIPTS if original(task) == task])), states=STORED_STATES
+        ),
+        encoding="utf-8",
+    )
     run_suite(suite, FOLDER / "run")
     episodes = open_run(FOLDER / "run").episodes(FIELDS)
     write_episodes("libero_oracles", episodes, ("task", "seed"))

@@ -1,5 +1,6 @@
-"""What is particular to LIBERO, tested where LIBERO is installed (`robogauntlet env create libero`)."""
+"""What is particular to LIBERO and LIBERO-PRO, tested where both are installed (`robogauntlet env create libero`)."""
 
+import fnmatch
 import itertools
 import re
 import sys
@@ -11,7 +12,7 @@ import pytest
 
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.libero import SIMULATOR
-from robogauntlet.adapters.libero.libero_import import open_libero
+from robogauntlet.adapters.libero.libero_import import import_libero
 from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL
 from robogauntlet.adapters.libero.tasks import STORED_STATES, libero_tasks
 from robogauntlet.orchestrator.kit.adapter import CHECKS
@@ -31,6 +32,8 @@ DRAWER = "spatial-4-in-top-drawer-wooden-cabinet"
 FLOOR = "object-0-alphabet-soup"
 """No fixtures."""
 GOALS = ["spatial-8-next-to-plate", "object-2-salad-dressing", "goal-1-put-bowl-on-stove"]
+PRO = [task for task in libero_tasks() if task.startswith("pro-")]
+CHECKED = ["pro-object-goal-8-put-bowl-on-plate", "pro-task-10-4-*", "pro-swap-object-0-*", "pro-language-spatial-3-*"]
 SEED, SIZE = 3, 64
 
 
@@ -61,7 +64,7 @@ def quat2axisangle(quaternion):
 
 def native_episode(task, actions):
     """State, images as LIBERO gives them, and proprioception after these actions under LIBERO's own protocol."""
-    package, known = open_libero(), libero_tasks()[task]
+    package, known = import_libero(), libero_tasks()[task]
     from libero.libero.envs import OffScreenRenderEnv
 
     env = OffScreenRenderEnv(
@@ -261,4 +264,36 @@ def test_the_stored_tasks_are_those_of_the_package():
     assert generate_tasks.written(generate_tasks.survey()) == kept
     for suite, theirs in tasks.SUITES.items():
         instructions = [task.language for task in get_benchmark(theirs)().tasks]
-        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == instructions
+        ours = [task for task in libero_tasks().values() if task.suite == suite]
+        assert [task.published_instruction or task.instruction for task in ours] == instructions
+
+
+def test_a_task_of_liberopro_starts_from_its_own_files_and_tells_the_sentence_in_them(floor):
+    task = "pro-language-object-0-alphabet-soup"
+    with closing(SIMULATOR.open(task, View(CAMERAS, SIZE))) as simulation:
+        assert simulation.observe().instruction == "grab alphabet soup and put it into basket"
+        assert simulation.privileged_state().keys() == floor.privileged_state().keys()
+        assert not np.array_equal(simulation._states, floor._states)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("pattern", CHECKED)
+def test_a_task_of_liberopro_keeps_the_contract(pattern):
+    (task,) = fnmatch.filter(PRO, pattern)
+    subject = CheckedTask(SIMULATOR, task)
+    results = [result for check in CHECKS.values() for result in check.run(subject)]
+    subject.close()
+    assert [str(result) for result in results if result.status not in ("ok", "skipped")] == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("task", PRO)
+def test_every_task_of_liberopro_opens_and_starts_anew_without_its_goal(task):
+    assert len(PRO) == 160
+    with closing(SIMULATOR.open(task, View(CAMERAS, SIZE))) as simulation:
+        hashes = []
+        for seed in (0, 1, 0):
+            simulation.reset(seed)
+            hashes.append(simulation.state_hash())
+            assert not simulation.step(STILL).success
+        assert hashes[0] == hashes[2] != hashes[1]

@@ -1,20 +1,16 @@
 """LIBERO's adapter without LIBERO: names, assets, versions, files that are not trusted."""
 
-import os
-import pickle
 import re
-import tarfile
-import zipfile
+from collections import Counter
 from fnmatch import fnmatch
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robogauntlet.adapters.contract import AdapterError, Goal, SimulatorUnavailable
 from robogauntlet.adapters.libero import SIMULATOR, assets
-from robogauntlet.adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Assets, find_assets, unpack
-from robogauntlet.adapters.libero.libero_import import check_versions, configured, read_states
+from robogauntlet.adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Assets, find_assets
+from robogauntlet.adapters.libero.libero_import import Libero, check_versions
 from robogauntlet.adapters.libero.tasks import HORIZONS, ON_OBJECT, libero_tasks
 from tests.errors import one_line_error
 
@@ -70,7 +66,7 @@ def test_the_goal_of_a_task_is_that_its_object_comes_to_its_place():
     )
     assert (drawer.axes, drawer.tolerance) == ("xyz", 0.08)
     assert (pushed.grasped, pushed.handle) == (False, "tcp_position")
-    assert sum(goal is not None for goal in goals.values()) == 89
+    assert sum(goal is not None for name, goal in goals.items() if not name.startswith("pro-")) == 89
 
 
 @pytest.mark.parametrize(
@@ -102,7 +98,6 @@ def test_missing_assets_are_one_line_with_what_to_do(nowhere):
     message = str(caught.value)
     assert VARIABLE in message
     assert "robogauntlet env create libero" in message
-    assert str(nowhere / ".cache" / "libero" / "assets") in message
 
 
 def test_assets_are_found_where_the_variable_says(nowhere, monkeypatch):
@@ -122,7 +117,8 @@ def test_assets_of_wheels_that_are_not_whole_are_refused(nowhere, monkeypatch):
 
 
 def test_a_wrong_variable_is_an_error(nowhere, monkeypatch):
-    folder_of_assets(nowhere / ".cache" / "libero" / "assets")
+    folder = folder_of_assets(nowhere / "wheels")
+    monkeypatch.setattr(assets, "installed_folder", lambda: folder)
     monkeypatch.setenv(VARIABLE, str(nowhere / "elsewhere"))
     with pytest.raises(SimulatorUnavailable, match="elsewhere"):
         find_assets()
@@ -144,55 +140,28 @@ def test_stand_ins_are_named_and_another_file_is_another_hash(tmp_path):
     assert "with stand-ins" in str(Assets(tmp_path, stand_ins=True))
 
 
-def test_an_archive_is_unpacked_once(tmp_path):
-    folder_of_assets(tmp_path / "assets", stand_ins=True)
-    with tarfile.open(tmp_path / "pack.tar", "w") as pack:
-        pack.add(tmp_path / "assets", "assets")
-    found = unpack(tmp_path / "pack.tar", tmp_path / "there")
-    assert found.stand_ins
-    assert (tmp_path / "there" / "scenes" / "thing.xml").read_text() == "scenes"
-    assert unpack(tmp_path / "pack.tar", tmp_path / "there") == found
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", None], ids=["empty", "damaged", "pickle"])
+def test_stored_states_that_are_no_numbers_are_one_line(tmp_path, content):
+    path = tmp_path / "init_files" / "libero_goal" / "open.pruned_init.npz"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(content) if content is not None else np.savez(path, states=np.array([{}], dtype=object))
+    package = Libero(tmp_path, None, None, {}, Assets(tmp_path, stand_ins=False))
+    with one_line_error(AdapterError) as caught:
+        package.stored_states("libero_goal", "open")
+    assert f"{path}: expected LIBERO's stored states, an array of numbers; " in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["assets/../escaped", "assets/link"])
-def test_an_archive_of_other_things_than_files_is_refused_and_leaves_nothing(tmp_path, name):
-    with tarfile.open(tmp_path / "pack.tar", "w") as pack:
-        member = tarfile.TarInfo(name)
-        member.type = tarfile.SYMTYPE if "link" in name else tarfile.REGTYPE
-        member.linkname = "/etc/passwd"
-        pack.addfile(member)
-    with pytest.raises(SimulatorUnavailable, match="expected files and folders, found"):
-        unpack(tmp_path / "pack.tar", tmp_path / "there" / "assets")
-    assert list((tmp_path / "there").iterdir()) == []
+def test_a_task_of_liberopro_says_what_its_definition_says_and_what_others_send():
+    card = SIMULATOR.tasks["pro-task-goal-7-turn-on-stove"]
+    assert (card.instruction, card.published_instruction) == ("turn off the stove", "turn on the stove")
+    assert (card.variant_of, card.horizon, card.start_states) == ("libero/goal-7-turn-on-stove", 300, 50)
+    words = {name: card for name, card in SIMULATOR.tasks.items() if name.startswith("pro-language-")}
+    assert all(card.published_instruction == SIMULATOR.tasks[name[13:]].instruction for name, card in words.items())
 
 
-def stored(path, content):
-    with zipfile.ZipFile(path, "w") as packed:
-        packed.writestr("archive/data.pkl", pickle.dumps(content, protocol=2))
-    return path
-
-
-def test_stored_states_are_read(tmp_path):
-    states = np.arange(6.0).reshape(2, 3)
-    assert np.array_equal(read_states(stored(tmp_path / "x.pruned_init", states)), states)
-
-
-class Attack:
-    def __reduce__(self):
-        return os.mkdir, ("harm",)
-
-
-def test_stored_states_that_would_run_something_are_refused(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(AdapterError, match="expected LIBERO's stored states, an array of numbers; it needs"):
-        read_states(stored(tmp_path / "x.pruned_init", Attack()))
-    assert not Path("harm").exists()
-
-
-def test_libero_is_given_a_configuration_while_it_is_imported_and_none_is_left(nowhere):
-    before = os.environ["LIBERO_CONFIG_PATH"]
-    with configured(nowhere):
-        given = Path(os.environ["LIBERO_CONFIG_PATH"])
-        assert f"assets: {nowhere}/assets" in (given / "config.yaml").read_text()
-    assert os.environ["LIBERO_CONFIG_PATH"] == before
-    assert not given.exists()
+def test_each_axis_of_liberopro_has_ten_tasks_of_each_of_four_suites():
+    counts = Counter(name.split("-")[1] for name in SIMULATOR.tasks if name.startswith("pro-"))
+    assert counts == dict.fromkeys(("object", "swap", "task", "language"), 40)
+    assert {SIMULATOR.tasks[name].variant_of for name in SIMULATOR.tasks if name.startswith("pro-swap-")} == {
+        f"libero/{name}" for name in SIMULATOR.tasks if name.split("-")[0] in ("spatial", "object", "goal", "10")
+    }

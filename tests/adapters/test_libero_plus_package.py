@@ -1,19 +1,23 @@
 """LIBERO-Plus's adapter without LIBERO: names, files, poses and noise."""
 
+import os
+import pickle
+import zipfile
 from collections import Counter
 from fnmatch import fnmatch
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import TaskUnavailable
+from robogauntlet.adapters.contract import AdapterError, TaskUnavailable
 from robogauntlet.adapters.libero.assets import Assets
 from robogauntlet.adapters.libero_plus import SIMULATOR, package, task_files
 from robogauntlet.adapters.libero_plus.generate_variants import ABOUT_INSTRUCTIONS
 from robogauntlet.adapters.libero_plus.image_noise import KINDS, LEVELS, SIZE, describe, noisy
 from robogauntlet.adapters.libero_plus.package import open_files, why_left_out
 from robogauntlet.adapters.libero_plus.placement import POSTURES, camera_pose, posture, postures, turn_between
-from robogauntlet.adapters.libero_plus.task_files import Scene, scene_of
+from robogauntlet.adapters.libero_plus.task_files import Scene, read_states, scene_of
 from robogauntlet.adapters.libero_plus.variants import NO_INSTRUCTION, PlusAxis, variant, variants
 from robogauntlet.adapters.package_files import looking_in
 from robogauntlet.orchestrator.environments.environment import Environment, EnvironmentEntry
@@ -222,3 +226,26 @@ def test_without_liberoplus_variants_that_need_its_files_are_left_out(monkeypatc
     monkeypatch.setattr(package, "find_assets", lambda: Assets(None, False))
     with pytest.raises(TaskUnavailable, match="not installed here: robogauntlet env create libero-plus"):
         open_files(variant("layout-spatial-0-add-10"))
+
+
+def stored(path, content):
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("archive/data.pkl", pickle.dumps(content, protocol=2))
+    return path
+
+
+def test_stored_states_are_read(tmp_path):
+    states = np.arange(6.0).reshape(2, 3)
+    assert np.array_equal(read_states(stored(tmp_path / "x.pruned_init", states)), states)
+
+
+class Attack:
+    def __reduce__(self):
+        return os.mkdir, ("harm",)
+
+
+def test_stored_states_that_would_run_something_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(AdapterError, match="expected stored states, an array of numbers; it needs"):
+        read_states(stored(tmp_path / "x.pruned_init", Attack()))
+    assert not Path("harm").exists()

@@ -19,7 +19,7 @@ MIDDLE = np.array([0.5, 0.0, 0.03])
 
 def test_every_script_is_for_an_existing_task():
     assert {f"libero/{task}" for task in SIMULATOR.tasks} >= SCRIPTS.keys()
-    assert len(SCRIPTS) == 34
+    assert len(SCRIPTS) == 3 * 34
 
 
 def test_scripts_are_played_in_turn_and_the_last_one_goes_on():

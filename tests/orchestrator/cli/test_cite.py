@@ -27,7 +27,7 @@ def test_a_run_adds_its_hashes_and_the_simulators_that_played(run_command, tmp_p
     text = run_command("report", "--cite", run_folder(tmp_path / "run", run, [])).out
     assert "  title = {{night\\_1}: an evaluation suite of {RoboGauntlet}}" in text
     assert "  note = {Suite hash 0123456789abcdef; run run-1, rows hash abc123}" in text
-    simulators = ["zhu2020robosuite", "todorov2012mujoco", "liu2023libero"]
+    simulators = ["zhu2020robosuite", "todorov2012mujoco", "liu2023libero", "zhou2025liberopro"]
     assert keys(text) == ["robogauntlet", "robogauntlet-suite-01234567", *simulators]
 
 
