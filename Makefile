@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 # Tests start hundreds of commands, each of which would compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup drivers tools environments demo test pytest test-fast lint docs dist audit bench studies fuzz nightly chaos report zoo clean
+.PHONY: help setup drivers tools environments demo test pytest test-fast lint docs dist audit bench studies measurements fuzz nightly chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -24,6 +24,7 @@ help:
 	@echo "make audit      look up known vulnerabilities of all pinned packages; needs a network"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make studies    check that the tables of studies/ are those of their kept rows"
+	@echo "make measurements  measure a hundredth of every table of studies/, which shows whether it goes through (an hour)"
 	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages, and examples of properties, than make test takes"
 	@echo "make nightly    installations, environments and pages again, at more length than make test (an hour)"
 	@echo "make chaos      fifty runs under random faults, twenty on a cluster of namespaces, Slurm, dying nodes (two hours)"
@@ -109,6 +110,11 @@ bench: setup
 
 studies: setup
 	$(BIN)/python -m pytest -q studies
+
+measurements: environments
+	@bash scripts/test_tools.sh
+	@$(MAKE) --no-print-directory setup
+	ROBOGAUNTLET_ENVIRONMENTS=$(abspath $(ENVIRONMENTS)) $(BIN)/python -m studies.hundredth
 
 fuzz: setup
 	ROBOGAUNTLET_FUZZ_EXAMPLES=6000 $(BIN)/python -m pytest -q tests/fuzz

@@ -2,22 +2,28 @@
 
 `--measure TABLE...` measures tables again into runs/bench (without a table: those of `QUICK`), `--keep TABLE...` copies
 what was measured into the study, and `--write` brings the tables of its README up to date. Without a name all studies
-are listed.
+are listed. With PERCENT=1 in the environment a hundredth is measured, which shows whether a measurement goes through.
 """
 
 import argparse
 import importlib
 import json
+import os
 import subprocess
 import sys
 
-from studies.tables import NAMES, WRITTEN, keep, markdown, readme, tables_of, with_tables, write
+from studies.percent import LACKING
+from studies.tables import NAMES, WRITTEN, PartMeasured, keep, markdown, readme, tables_of, with_tables, write
 
 CODE = """
-import json
+import json, sys
 from studies.{study} import {name} as measurement
 from studies import shared
-rows = measurement.measure()
+try:
+    rows = measurement.measure()
+except shared.Lacking as reason:
+    print(f"{name}: {{reason}}", file=sys.stderr)
+    sys.exit({lacking})
 print("measured:" + json.dumps({{"columns": shared.COLUMNS, "rows": rows}}))
 """
 
@@ -33,8 +39,12 @@ def main() -> None:
     if wanted.study is None:
         print("\n".join(f"{name:16} {title(name)}" for name in NAMES))
         return
-    for name in wanted.keep or ():
-        keep(wanted.study, name)
+    try:
+        for name in wanted.keep or ():
+            keep(wanted.study, name)
+    except PartMeasured as refused:
+        print(refused, file=sys.stderr)
+        sys.exit(2)
     if wanted.measure is not None:
         measure(wanted.study, wanted.measure)
     elif wanted.write or wanted.keep:
@@ -52,19 +62,31 @@ def title(study: str) -> str:
 
 def measure(study: str, names: list[str]) -> None:
     """Run each measurement in its own process, so that they do not share memory or threads."""
-    for name in names or importlib.import_module(f"studies.{study}").QUICK:
+    of = importlib.import_module(f"studies.{study}")
+    for name in names or of.QUICK:
         print(f"\n== {name}", flush=True)
-        code = CODE.format(study=study, name=name)
-        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        code = CODE.format(study=study, name=name, lacking=LACKING)
+        python, variables = interpreter(getattr(of, "APART", {}).get(name))
+        process = subprocess.Popen([python, "-c", code], stdout=subprocess.PIPE, text=True, env=variables)
         assert process.stdout is not None
         for line in process.stdout:
             if line.startswith("measured:"):
                 write(name, json.loads(line.removeprefix("measured:")))
             else:
                 print(line, end="", flush=True)
-        if process.wait():
-            sys.exit(f"{name} failed")
+        if status := process.wait():
+            sys.exit(LACKING if status == LACKING else f"{name} failed")
     print(f"\nwritten to {WRITTEN}/")
+
+
+def interpreter(simulator: str | None) -> tuple[str, dict[str, str]]:
+    """Interpreter and variables of a process, in the environment of a simulator if one is named."""
+    if simulator is None:
+        return sys.executable, dict(os.environ)
+    from robogauntlet.adapters import catalog
+    from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+
+    return EnvironmentResolver({}).subprocess_env(catalog.find(simulator))
 
 
 main()

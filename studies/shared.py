@@ -21,6 +21,7 @@ from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import SUCCESS_HOLD, Cell, Episode, Protocol, RenderProfile, View
+from studies.percent import IS_PART, few
 
 GAUNTLET = [str(Path(sys.executable).with_name("robogauntlet"))]
 """The command line."""
@@ -31,6 +32,8 @@ FITTED_ROUTERS = ("calibrated", "nearest-centroid", "self-trained")
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
 POLICY_OPTIONS: dict[str, dict[str, str]] = {UNTRAINED: {}, EXPERTS: {"folder": "zoo:experts"}}
 """The untrained network executes 8 actions per query and never succeeds; experts as many as their metadata say."""
+LONGEST = 1000
+"""Control steps of the longest task."""
 EXPERT_VIEW = View(render_profile=RenderProfile.FAST)
 
 
@@ -88,9 +91,30 @@ def episodes(task: str, policy: str, view: View, count: int, *, horizon: int = 4
 
 
 def run_suite(suite: str | Path, folder: Path) -> None:
-    """Run a suite by the command line, without media."""
+    """Run a suite by the command line, without media; of its seeds and longest episodes the share that is measured."""
+    if IS_PART:
+        plan = yaml.safe_load(Path(suite).read_text(encoding="utf-8"))
+        plan["seeds"]["count"] = few(plan["seeds"]["count"])
+        plan["horizon"] = min(plan.get("horizon", LONGEST), few(LONGEST))
+        suite = folder.with_name(f"{folder.name}.yaml")
+        suite.parent.mkdir(parents=True, exist_ok=True)
+        suite.write_text(yaml.safe_dump(plan, sort_keys=False), encoding="utf-8")
     command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
-    subprocess.run(command, check=True, capture_output=True)
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(done.stderr)
+
+
+class Lacking(Exception):
+    """What a measurement needs and the machine lacks."""
+
+
+def require_gpu() -> None:
+    """Raise Lacking without a GPU."""
+    import torch
+
+    if not torch.cuda.is_available():
+        raise Lacking("expected a GPU")
 
 
 def run_gauntlet(*arguments: object) -> None:

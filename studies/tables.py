@@ -21,10 +21,11 @@ from typing import Any
 import pandas as pd
 
 from robogauntlet.results.statistics.rates import wilson_interval
+from studies.percent import PERCENT, SUFFIX
 
 STUDIES = Path(__file__).parent
 ROOT = STUDIES.parent
-WRITTEN = ROOT / "runs/bench"
+WRITTEN = ROOT / f"runs/bench{SUFFIX}"
 """Where measurements are written."""
 NAMES = sorted(path.parent.name for path in STUDIES.glob("*/README.md"))
 PACKAGES = ("mujoco", "robosuite", "sapien", "mani-skill", "pybullet", "torch", "ray")
@@ -32,6 +33,10 @@ SUCCESS = "success"
 """The table of a kept report, which has no module of its own."""
 END = "<!-- end -->"
 BLOCK = re.compile(rf"(<!-- table: (\w+) -->\n).*?{END}", re.DOTALL)
+
+
+class PartMeasured(Exception):
+    """A share of a measurement was to be kept."""
 
 
 def kept(study: str, name: str) -> dict[str, Any]:
@@ -86,6 +91,7 @@ def write(name: str, measured: Mapping[str, Any]) -> None:
     installed = {package.name.replace("_", "-") for package in metadata.distributions() if package.name}
     versions = {package: metadata.version(package) for package in PACKAGES if package in installed}
     result = {"date": str(date.today()), "machine": machine(), "versions": versions, **measured}
+    result |= {"percent": PERCENT} if SUFFIX else {}
     WRITTEN.mkdir(parents=True, exist_ok=True)
     (WRITTEN / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
 
@@ -97,7 +103,9 @@ def write_episodes(name: str, frame: pd.DataFrame, order: Sequence[str]) -> None
 
 
 def keep(study: str, name: str) -> None:
-    """Copy what was measured last into the study: rows, episodes, figures."""
+    """Copy what was measured last into the study: rows, episodes, figures. Raises PartMeasured for a share of it."""
+    if SUFFIX:
+        raise PartMeasured(f"--keep {name}: expected a whole measurement, got PERCENT={PERCENT}: measure without it")
     for file in WRITTEN.glob(f"{name}.*"):
         shutil.copy(file, STUDIES / study / "rows")
 

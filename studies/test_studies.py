@@ -1,10 +1,14 @@
 """What the README of each study shows is printed by its command from the rows that are kept."""
 
+import json
+import os
 import subprocess
+import sys
 
 import pytest
 
-from studies.tables import BLOCK, NAMES, STUDIES, readme, with_tables
+from studies.percent import LACKING
+from studies.tables import BLOCK, NAMES, ROOT, STUDIES, readme, with_tables
 from tests.test_scripts import commands_of, parsed
 
 
@@ -39,3 +43,29 @@ def test_a_suite_that_libero_lacks_is_refused_first(tmp_path):
         commands_of(STUDIES / "libero/libero.sh", tmp_path, "goal", "gaol")
     assert refused.value.stderr == "SUITE: expected spatial, object, goal or 10, got 'gaol'\n"
     assert not (tmp_path / "commands").exists()
+
+
+def ended(*words, **variables):
+    command = [sys.executable, "-m", "studies", *words]
+    return subprocess.run(command, cwd=ROOT, env={**os.environ, **variables}, capture_output=True, text=True)
+
+
+def test_a_hundredth_is_measured_beside_the_whole_and_cannot_be_kept():
+    measured = ROOT / "runs/bench-1-percent/worst_cases.json"
+    measured.unlink(missing_ok=True)
+    assert ended("worst_cases", "--measure", "worst_cases", PERCENT="1").returncode == 0
+    assert json.loads(measured.read_text())["percent"] == 1
+    kept = ended("worst_cases", "--keep", "worst_cases", PERCENT="1")
+    message = "--keep worst_cases: expected a whole measurement, got PERCENT=1: measure without it\n"
+    assert (kept.returncode, kept.stderr) == (2, message)
+
+
+def test_a_share_that_is_no_whole_percent_is_refused():
+    refused = ended("oracles", PERCENT="0.5")
+    message = "PERCENT: expected a whole number from 1 to 999, got '0.5'\n"
+    assert (refused.returncode, refused.stderr) == (2, message)
+
+
+def test_a_measurement_says_what_the_machine_lacks():
+    refused = ended("performance", "--measure", "gpu_answers", CUDA_VISIBLE_DEVICES="")
+    assert (refused.returncode, refused.stderr) == (LACKING, "gpu_answers: expected a GPU\n")

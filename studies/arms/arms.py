@@ -6,18 +6,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.options import expert_folders
 from robogauntlet_mergevla.zoo import shipped
-from studies.merging.operators import percent
+from studies.merging.operators import kept_of, percent
+from studies.percent import folder_of
 from studies.shared import FITTED_ROUTERS, merged_policy, play_policies, run_gauntlet, table_of
 from studies.tables import write_episodes
 
@@ -59,7 +58,7 @@ COLUMNS = {
 
 def measure() -> list[dict[str, object]]:
     """A row for each setting and policy; writes the episodes beside the rows."""
-    folder = Path(os.environ.get("ARMS", "runs/arms")).absolute()
+    folder = folder_of("ARMS", "arms")
     experts = {**expert_folders(shipped("zoo:experts")), **expert_folders(folder / "experts")}
     each = _play(folder, "each", {f"expert-of-{_arm(t)}": _expert(experts[t]) for t in ONE_SKILL}, ONE_SKILL + UNSEEN)
     alone = [
@@ -100,9 +99,7 @@ def rows_of(frame: pd.DataFrame, settings: Mapping[str, Sequence[str]] = SETTING
             own = inside[inside.policy == policy]
             outcomes = won[policy]
             interval = wilson_interval(int(outcomes.sum()), int(outcomes.count()))
-            kept = paired_ratio(Pairs.from_outcomes(*won[[policy, "experts"]].to_numpy().T))
             assert interval is not None
-            assert kept is not None
             rows.append(
                 {
                     "setting": setting,
@@ -110,7 +107,7 @@ def rows_of(frame: pd.DataFrame, settings: Mapping[str, Sequence[str]] = SETTING
                     "title": _title(policy),
                     "tasks": " / ".join(f"{100 * outcomes[t].mean():.0f}" for t in tasks),
                     "success": percent(outcomes.mean(), interval),
-                    "kept": "" if policy == "experts" else percent(kept.value, kept.interval),
+                    "kept": "" if policy == "experts" else kept_of(*won[[policy, "experts"]].to_numpy().T),
                     "chosen": _chosen(own, setting) if policy in ROUTED else "",
                 }
             )

@@ -7,7 +7,6 @@ that were played are not played again.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pandas as pd
@@ -15,6 +14,7 @@ import pandas as pd
 from robogauntlet.results.statistics.rates import wilson_interval
 from studies.arms.arms import EPISODE, SEEDS
 from studies.merging.operators import percent
+from studies.percent import folder_of
 from studies.shared import play_policies, table_of
 from studies.tables import episodes_of, write_episodes
 
@@ -26,7 +26,7 @@ COLUMNS = {"arm": "{arm}"} | {
 
 def measure() -> list[dict[str, str]]:
     """A row for each arm; writes the episodes of Door's experts beside the rows."""
-    folder = Path(os.environ.get("ARMS", "runs/arms")).absolute()
+    folder = folder_of("ARMS", "arms")
     frame = pd.concat(_played(folder, arm) for arm in ARMS)
     write_episodes("doors", frame, ("policy", "task", "seed"))
     rows = rows_of(frame)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections import Counter
@@ -21,20 +20,21 @@ from robogauntlet import OpenRun
 from robogauntlet.results.record import BEHAVIOUR
 from robogauntlet.results.run_document import RUN_FILE, RunStatus
 from robogauntlet.results.statistics.multiplicity import ALPHA
-from studies.shared import GAUNTLET
+from studies.percent import few, folder_of
+from studies.shared import run_suite
 
 REFERENCE, POLICY = "reference", "policy"
 """The build of the shipped policy, and what every build is called in its run."""
 SUITE = Path(__file__).with_name("instrument.yaml")
-SEEDS = (10, 20, 40)
+SEEDS = tuple(few(count, 1) for count in (10, 20, 40))
 """Seeds of each task in a drawn comparison."""
-DRAWS = 200
+DRAWS = few(200)
 EPISODE = ("build", "task", "seed", "status")
 
 
 def folder() -> Path:
     """Where builds are played: `INSTRUMENT`, by default `runs/instrument`."""
-    return Path(os.environ.get("INSTRUMENT", "runs/instrument"))
+    return folder_of("INSTRUMENT", "instrument")
 
 
 def builds() -> dict[str, OpenRun]:
@@ -59,8 +59,7 @@ def _played(plan: dict[str, Any], entry: dict[str, Any]) -> OpenRun:
     suite.write_text(
         yaml.safe_dump({**plan, "policies": [{**entry, "name": POLICY}]}, sort_keys=False), encoding="utf-8"
     )
-    command = [*GAUNTLET, "run", str(suite), "--out", str(run), "--no-media", "--quiet"]
-    subprocess.run(command, check=True)
+    run_suite(suite, run)
     return robogauntlet.open_run(run)
 
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from studies.instrument.draws import DRAWS, SEEDS, answers, builds, rows_of_run
 from studies.instrument.instrument import DEFECTS, TASKS
 from studies.instrument.series import searched
+from studies.percent import IS_PART
 from studies.shared import table_of
 
-LEAST, MOST = 0.1, 0.97
+LEAST, MOST = (0.0, 1.0) if IS_PART else (0.1, 0.97)
 """Success of the builds that are compared with themselves; others hardly have outcomes that differ."""
 VERBS = {"compare": "`compare`", "gate": "`compare --gate`", "search": "ends of `search checkpoint`"}
 COLUMNS = {"seeds in a block": "{seeds}"} | {title: f"{{{verb}}}" for verb, title in VERBS.items()}

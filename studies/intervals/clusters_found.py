@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from robogauntlet.results.statistics.clusters import Cluster, failure_clusters
+from studies.percent import few
 from studies.shared import table_of
 
-EXPERIMENTS = 500
+EXPERIMENTS = few(500)
 DESIGNS = {"200 points at 4 seeds each": (200, 4), "100 points at 8 seeds each": (100, 8), "800 points": (800, 1)}
 """Points, and seeds at which each is played; with one, the points take turns over `TURNS` seeds."""
 TURNS = 4

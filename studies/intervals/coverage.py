@@ -27,11 +27,12 @@ from robogauntlet.results.statistics.rates import (
 )
 from robogauntlet.results.statistics.sequential import log_evidence
 from robogauntlet.results.statistics.severity import falling_trend, severity_curve
+from studies.percent import few
 from studies.shared import table_of
 
 DESIGNS = {"6 x 4": (6, 4), "9 x 10": (9, 10), "9 x 20": (9, 20), "9 x 100": (9, 100)}
 """Tasks and seeds."""
-COUNTED, LINEAR, FAMILIES, CURVES = 2000, 400, 200, 100
+COUNTED, LINEAR, FAMILIES, CURVES = map(few, (2000, 400, 200, 100))
 """Experiments per case: of intervals from counts, from the spread of seeds, of 18 axes together, of whole curves."""
 AXES, POLICIES = 18, 6
 MARGIN = 0.05
@@ -311,7 +312,7 @@ def _mean(tasks: int, seeds: int, generator: np.random.Generator) -> Case:
     """Two levels of each of 18 axes."""
     for case in RATES:
         own, found = rates(case, tasks)[:, None].repeat(2 * AXES, axis=1), []
-        for _ in range(LINEAR // 4):
+        for _ in range(CURVES):
             estimate = mean_of_levels(list(played(generator, own, seeds)))
             found.append(has(interval_of(estimate), own.mean()))
         yield case, found

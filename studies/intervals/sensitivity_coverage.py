@@ -16,9 +16,10 @@ from scipy.special import expit
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.results.statistics.sensitivity import sobol_indices
 from robogauntlet.suites.designs import sobol_rows
+from studies.percent import few
 from studies.shared import table_of
 
-EXPERIMENTS = 1000
+EXPERIMENTS = few(1000)
 SIZES = ((64, 4), (64, 10), (128, 6), (256, 4))
 """Base points and seeds; the first are those of the suite `why`."""
 SEED = 20261125

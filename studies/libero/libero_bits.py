@@ -10,11 +10,10 @@ from typing import Any
 
 import pandas as pd
 
-from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from studies.libero.libero_experts import EXPERTS as ZOO
 from studies.libero.libero_experts import SUITES, by_suite, folder_of_experts, played, tasks_of
 from studies.libero.libero_merges import EPISODE, EXPERTS, MERGED
-from studies.merging.operators import kilobytes_per_task, percent
+from studies.merging.operators import kept_of, kilobytes_per_task
 from studies.shared import merged_policy, table_of
 from studies.tables import episodes_of, write_episodes
 
@@ -73,9 +72,7 @@ def rows_of(frame: pd.DataFrame, sizes: dict[str, float]) -> list[dict[str, obje
     table = won.pivot(index=["task", "seed"], columns="policy", values="won")
     rows = []
     for way, (title, bits, _) in WAYS.items():
-        kept = paired_ratio(Pairs.from_outcomes(*table[[way, EXPERTS]].dropna().to_numpy().T))
-        assert kept is not None
-        share = "" if way == EXPERTS else percent(kept.value, kept.interval)
+        share = "" if way == EXPERTS else kept_of(*table[[way, EXPERTS]].dropna().to_numpy().T)
         row = {"way": way, "title": title, "bits": bits, "kilobytes": sizes[way], "kept": share}
         rows.append(row | by_suite(table[way]))
     return rows

@@ -7,7 +7,6 @@ is kept, so that the same command continues.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet_mergevla.zoo import shipped
 from studies.merging.operators import percent
+from studies.percent import few, folder_of
 from studies.shared import play_policies, table_of
 from studies.tables import write_episodes
 
@@ -84,7 +84,7 @@ def played(
 ) -> pd.DataFrame:
     """Play policies on `STATES` or fewer stored states of tasks, or what the folder lacks of it: a row per episode."""
     states = states or STATES
-    runs = {first: f"{name}-from-{first}" if first else name for first in range(0, states, RUN_STATES)}
+    runs = {first: f"{name}-from-{first}" if first else name for first in range(0, few(states), RUN_STATES)}
     return pd.concat(
         play_policies(folder, run, policies, tasks, min(RUN_STATES, states - first), columns, conditions, first)
         for first, run in runs.items()
@@ -126,9 +126,10 @@ def suite_of(task: str) -> str:
 
 def folder_of_experts() -> Path:
     """The folder of `studies/libero/libero.sh`."""
-    return Path(os.environ.get("LIBERO", "runs/libero")).absolute()
+    return folder_of("LIBERO", "libero")
 
 
 def tasks_of(suite: str) -> list[str]:
-    """The tasks of a suite's expert."""
-    return sorted(CheckpointMetadata.read(shipped(f"{EXPERTS}/libero-{suite}")).tasks)
+    """The tasks of a suite's expert, or as many of them as are measured."""
+    tasks = sorted(CheckpointMetadata.read(shipped(f"{EXPERTS}/libero-{suite}")).tasks)
+    return tasks[: few(len(tasks), 1)]

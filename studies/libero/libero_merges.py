@@ -10,7 +10,6 @@ from typing import Any
 
 import pandas as pd
 
-from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from studies.libero.libero_experts import EXPERTS as ZOO
 from studies.libero.libero_experts import (
     SUITES,
@@ -21,7 +20,7 @@ from studies.libero.libero_experts import (
     suite_of,
     tasks_of,
 )
-from studies.merging.operators import percent
+from studies.merging.operators import kept_of
 from studies.shared import merged_policy, table_of
 from studies.tables import write_episodes
 
@@ -78,15 +77,12 @@ def measure() -> list[dict[str, object]]:
     """A row for each way of merging and router; writes the episodes beside the rows."""
     folder = folder_of_experts()
     tasks = [task for suite in SUITES for task in tasks_of(suite)]
-    policies = {}
-    for way, (_, recipe) in WAYS.items():
-        policies[way] = merged_policy(MERGED, recipe=recipe, experts=ZOO)
-    for name, (_, options) in ROUTED.items():
-        policies[name] = merged_policy(MERGED, "calibrated", **options)
+    policies = {way: merged_policy(MERGED, recipe=recipe, experts=ZOO) for way, (_, recipe) in WAYS.items()}
+    policies |= {name: merged_policy(MERGED, "calibrated", **options) for name, (_, options) in ROUTED.items()}
+    unmasked = {name: policies.pop(name) for name in ("mean", *OPERATORS)}
     frames = [clean[clean.axis == "clean"] for clean in played_experts(folder)]
-    for name, policy in policies.items():
-        states = UNMASKED_STATES if name == "mean" or name in OPERATORS else None
-        frames.append(played(folder, name, {name: policy}, tasks, EPISODE, states=states))
+    frames.append(played(folder, "merges", policies, tasks, EPISODE))
+    frames.append(played(folder, "merges without masks", unmasked, tasks, EPISODE, states=UNMASKED_STATES))
     frame = pd.concat(frames)
     write_episodes("libero_merges", frame, ("policy", "task", "seed"))
     rows = rows_of(frame)
@@ -103,21 +99,18 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
         index=["task", "seed"], columns="policy", values="won"
     )
     titles = {EXPERTS: "experts", **{name: title for name, (title, _) in (ROUTED | WAYS).items()}}
-    rows: list[dict[str, object]] = []
-    for policy in (name for name in titles if name in won):
-        kept = paired_ratio(Pairs.from_outcomes(*won[[policy, EXPERTS]].to_numpy().T))
-        assert kept is not None
-        rows.append(
-            {
-                "policy": policy,
-                "title": titles[policy],
-                **by_suite(won[policy]),
-                "kept": "" if policy == EXPERTS else percent(kept.value, kept.interval),
-                "routed": _routed(frame[frame.policy == policy]) if policy in ROUTED else "",
-                "paper": PAPER.get(policy, ""),
-            }
-        )
-    return rows
+    return [
+        {
+            "policy": policy,
+            "title": title,
+            **by_suite(won[policy]),
+            "kept": "" if policy == EXPERTS else kept_of(*won[[policy, EXPERTS]].to_numpy().T),
+            "routed": _routed(frame[frame.policy == policy]) if policy in ROUTED else "",
+            "paper": PAPER.get(policy, ""),
+        }
+        for policy, title in titles.items()
+        if policy in won
+    ]
 
 
 def _routed(episodes: pd.DataFrame) -> str:

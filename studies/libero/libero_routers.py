@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from robogauntlet.suites.episode import RenderProfile, View
 from studies.libero.libero_experts import EXPERTS, STATES, SUITES, tasks_of
 from studies.libero.libero_merges import MERGED
+from studies.percent import few
 from studies.routing.routers import AVERAGED, SHIPPED, averaged_merge, by_router, interval, paper_routers
 from studies.shared import table_of
 from studies.tables import WRITTEN
@@ -39,7 +40,7 @@ def measure() -> list[dict[str, object]]:
     model = MergedModel(checkpoint.parts)
     assert list(model.experts) == NAMES
     view = View(model.architecture.cameras, model.architecture.image_size, RenderProfile.FAST_2)
-    every, seeds = [task for suite in SUITES for task in tasks_of(suite)], range(STATES)
+    every, seeds = [task for suite in SUITES for task in tasks_of(suite)], range(few(STATES))
     caches = collect_first_observations(every, view, seeds, WRITTEN / "first_observations", print).by_task
     seen = [one for task in every for one in caches[task].observations(seeds)]
     ways: dict[str, tuple[str, Scores]] = {}

@@ -15,6 +15,7 @@ from robogauntlet.suites.episode import RenderProfile, View
 from studies.libero.libero_experts import SUITES, tasks_of
 from studies.libero.libero_merges import MERGED
 from studies.libero.libero_routers import NAMES, rates_of
+from studies.percent import few
 from studies.routing.routers import interval
 from studies.shared import table_of
 from studies.tables import WRITTEN
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
     Evidence = Callable[[MergedModel, Sequence[FirstObservation]], Tensor]
 
-TRAINING, TEST = range(1_000_000, 1_000_015), range(20, 40)
+TRAINING, TEST = range(1_000_000, 1_000_000 + few(15)), range(20, 20 + few(20))
 """Seeds to fit to, and stored states to be asked about; the first twenty states were those of development."""
 COLUMNS = {
     "labels by": "{evidence}",

@@ -13,17 +13,17 @@ from pathlib import Path
 import pandas as pd
 
 from robogauntlet.adapters.libero_plus.variants import PlusAxis, Variant, variants
-from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import wilson_interval
 from studies.libero.libero_experts import EXPERTS, SUITES, folder_of_experts, tasks_of
 from studies.libero.libero_merges import MERGED, WAYS
-from studies.merging.operators import percent
+from studies.merging.operators import kept_of, percent
+from studies.percent import few
 from studies.shared import merged_policy, play_policies, table_of
 from studies.tables import write_episodes
 
 AXES = (PlusAxis.CAMERA, PlusAxis.ROBOT, PlusAxis.LANGUAGE, PlusAxis.NOISE, PlusAxis.LAYOUT)
 """Those of which LIBERO's own assets show variants of every task."""
-EACH = 2
+EACH = few(2, 1)
 """Variants of each axis and task: evenly spaced in LIBERO-Plus's order, from stored state 0, as it plays them."""
 NAMED = "variant-name"
 MERGES = {
@@ -96,16 +96,11 @@ def _row(axis: str, frame: pd.DataFrame) -> dict[str, object]:
     return {
         "plus_axis": axis,
         **{policy: _rate(told[policy].dropna()) for policy in POLICIES},
-        "kept": _kept(told[["magnitude-2-routed", "experts"]].dropna()),
-        "none-4-kept": _kept(told[["none-4", "experts"]].dropna()),
+        "kept": kept_of(*told[["magnitude-2-routed", "experts"]].dropna().to_numpy().T),
+        "none-4-kept": kept_of(*told[["none-4", "experts"]].dropna().to_numpy().T),
         "routed": f"{100 * (routed.inferred_task == routed.task).mean():.0f} %",
         "named": "" if axis == "all" else _rate(named),  # it has no episodes of `language`
     }
-
-
-def _kept(pairs: pd.DataFrame) -> str:
-    kept = paired_ratio(Pairs.from_outcomes(*pairs.to_numpy().T))
-    return "" if kept is None else percent(kept.value, kept.interval)
 
 
 def _rate(won: pd.Series) -> str:

@@ -29,12 +29,13 @@ from robogauntlet_mergevla.training.settings import Settings
 from robogauntlet_mergevla.zoo import shipped
 from studies.merging.network_sums import BASE, Whole, added, save, shares_of
 from studies.merging.operators import percent
+from studies.percent import few, folder_of
 from studies.shared import play_policies, table_of
 from studies.tables import write_episodes
 
 TASKS = {"robosuite/Stack": "Stack", "pybullet/PandaPush-v3": "PandaPush"}
 """Tasks that the base solves in part."""
-PARTS, STEPS = 4, 600
+PARTS, STEPS = few(4), few(600)
 FIRST, SEEDS, NINE_SEEDS = 30_000, 50, 20
 SUMS = {
     "average": "average",
@@ -92,7 +93,7 @@ def trainings(folder: Path, data: Path) -> Iterator[partial[None]]:
 
 def measure() -> list[dict[str, object]]:
     """A row for each network; writes the episodes beside the rows."""
-    folder = Path(os.environ.get("ARITHMETIC", "runs/arithmetic")).absolute()
+    folder = folder_of("ARITHMETIC", "arithmetic")
     data = Path(os.environ.get("DEMONSTRATIONS", folder / "demonstrations")).absolute()
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         for done in [pool.submit(one) for one in trainings(folder, data)]:

@@ -7,7 +7,6 @@ is kept, so that the same command continues.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from robogauntlet_mergevla.options import expert_folders
 from robogauntlet_mergevla.zoo import shipped
 from studies.merging.network_sums import BASE, Whole, interpolated, save
 from studies.merging.operators import percent
+from studies.percent import few, folder_of
 from studies.shared import play_policies, table_of
 from studies.tables import write_episodes
 
@@ -44,10 +44,10 @@ COLUMNS = {"network": "{title}", "own task": "{clean}", "own task, shifted": "{s
 
 def measure() -> list[dict[str, object]]:
     """A row for each interpolation; writes the episodes beside the rows."""
-    folder = Path(os.environ.get("INTERPOLATED", "runs/interpolated")).absolute()
+    folder = folder_of("INTERPOLATED", "interpolated")
     base = Whole.read(shipped(BASE))
-    experts = {task: Whole.read(path) for task, path in expert_folders(shipped("zoo:experts")).items()}
-    frames = []
+    folders = [*expert_folders(shipped("zoo:experts")).items()]
+    experts = {task: Whole.read(path) for task, path in folders[: few(len(folders))]}
     for way, (_, share, only) in WAYS.items():
         for task, expert in experts.items():
             weights = interpolated(base.weights, expert.weights, share, only)
@@ -55,12 +55,12 @@ def measure() -> list[dict[str, object]]:
             own = TaskStatistics({task: its.metadata.statistics.of(task)})
             save(folder / way / task.replace("/", "__"), weights, expert.metadata, own)
             if way in ELSEWHERE:
-                every = TaskStatistics({**base.metadata.statistics.by_task, **own.by_task})
-                save(folder / f"{way}-elsewhere" / task.replace("/", "__"), weights, expert.metadata, every)
-        policy = {way: {"kind": "mergevla-experts", "options": {"folder": str(folder / way)}}}
-        clean = play_policies(folder, f"{way}-clean", policy, [*experts], CLEAN_SEEDS, EPISODE, first=FIRST)
-        shifted = play_policies(folder, f"{way}-shifted", policy, [*experts], SHIFTED_SEEDS, EPISODE, SHIFTED, FIRST)
-        frames += [clean, shifted[shifted.axis != "clean"]]
+                of_all = TaskStatistics({**base.metadata.statistics.by_task, **own.by_task})
+                save(folder / f"{way}-elsewhere" / task.replace("/", "__"), weights, expert.metadata, of_all)
+    every = {way: {"kind": "mergevla-experts", "options": {"folder": str(folder / way)}} for way in WAYS}
+    clean = play_policies(folder, "clean", every, [*experts], CLEAN_SEEDS, EPISODE, first=FIRST)
+    shifted = play_policies(folder, "shifted", every, [*experts], SHIFTED_SEEDS, EPISODE, SHIFTED, FIRST)
+    frames = [clean, shifted[shifted.axis != "clean"]]
     for task in experts:
         name = task.replace("/", "__")
         policies: dict[str, dict[str, Any]] = {

@@ -23,6 +23,7 @@ from robogauntlet_mergevla.training.batch_loss import BatchLoss
 from robogauntlet_mergevla.training.dataset_mixture import DatasetMixture
 from robogauntlet_mergevla.training.lambda_selection import held_out_l1
 from robogauntlet_mergevla.zoo import shipped
+from studies.percent import few
 
 BASE = "zoo:base"
 STEPS = 100
@@ -128,7 +129,7 @@ def _learned(experts: Sequence[Whole], statistics: TaskStatistics, mixture: Data
     batches: list[Batch] = list(mixture.held_out(32, chunk_length=architecture.chunk_length))
     optimiser = torch.optim.Adam([logits], lr=0.1)
     order = torch.Generator().manual_seed(0)
-    for _ in range(STEPS):
+    for _ in range(few(STEPS)):
         batch = batches[int(torch.randint(len(batches), (1,), generator=order))]
         optimiser.zero_grad()
         batch_loss.loss(network, batch).backward()  # type: ignore[arg-type]

@@ -16,11 +16,13 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.results.api import open_run
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from studies.merging import bytes_plot
 from studies.merging.bytes_plot import Point
+from studies.percent import folder_of
 from studies.shared import kilobytes, play_policies, run_suite, table_of
 from studies.tables import WRITTEN, episodes_of, write_episodes
 
@@ -51,7 +53,7 @@ WAYS = {one["name"]: one for one in SUITE["policies"] if one["name"].partition("
 def measure() -> list[dict[str, Any]]:
     """A row for each way; writes the episodes and the figure beside the rows."""
     own, sizes = played()
-    folder = Path(os.environ.get("QUANTISED", "runs/quantised"))
+    folder = folder_of("QUANTISED", "quantised")
     frames = [own]
     for bits in BITS:
         policies = {named(way, bits): at(WAYS[way], bits) for way in WAYS}
@@ -132,9 +134,7 @@ def point(table: pd.DataFrame, policy: str, size: float) -> dict[str, Any]:
     own = table[policy].dropna()
     found = {"kilobytes": size, "successes": int(own.sum()), "episodes": len(own), "kept": "100 %"}
     if policy != EXPERTS:
-        ratio = paired_ratio(Pairs.from_outcomes(pairs[policy].to_numpy(), pairs[EXPERTS].to_numpy()))
-        assert ratio is not None
-        found["kept"] = percent(ratio.value, ratio.interval)
+        found["kept"] = kept_of(*pairs.to_numpy().T)
     return found
 
 
@@ -147,6 +147,12 @@ def percent(value: float, interval: Interval | None) -> str:
     """A share with its interval, in percent."""
     ends = f" [{100 * interval.low:.0f}, {100 * interval.high:.0f}]" if interval else ""
     return f"{100 * value:.0f} %{ends}"
+
+
+def kept_of(own: FloatArray, experts: FloatArray) -> str:
+    """Share of the experts' success on the same trials with its interval, in percent; empty where they have none."""
+    ratio = paired_ratio(Pairs.from_outcomes(own, experts))
+    return "" if ratio is None else percent(ratio.value, ratio.interval)
 
 
 def kilobytes_per_task(

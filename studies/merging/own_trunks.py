@@ -7,12 +7,11 @@ its decisions, as the experts' numbers in the order of their names, task by task
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from itertools import chain, product
-from pathlib import Path
 from typing import Any
 
+from studies.percent import folder_of
 from studies.routing.routers import SUBSPACES, interval, observed, paper_routers, right
 from studies.shared import EXPERT_VIEW, table_of
 
@@ -31,7 +30,7 @@ def measure() -> list[dict[str, Any]]:
     from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
 
     torch.set_num_threads(1)
-    folder = Path(os.environ.get("TRAINING_CONTROLS", "runs/training-controls")).absolute()
+    folder = folder_of("TRAINING_CONTROLS", "training-controls")
     rows: dict[tuple[str, str, str], dict[str, Any]] = {}
     for kind in KINDS:
         for path in (one.parent for one in sorted(folder.glob(f"{kind}-[0-9]*/paper"))):

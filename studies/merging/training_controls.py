@@ -7,14 +7,12 @@ at a time can be trained. A part of a training (`PERCENT`) is not mixed with the
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from robogauntlet.results.api import open_run
+from studies.percent import folder_of
 from studies.shared import table_of
 from studies.tables import episodes_of, machine, write_episodes
 
@@ -49,7 +47,7 @@ EPISODE = ("policy", "task", "seed", "status")
 
 def measure() -> list[dict[str, object]]:
     """A row for each kind of training; writes the episodes beside the rows."""
-    folder = Path(os.environ.get("TRAINING_CONTROLS", "runs/training-controls"))
+    folder = folder_of("TRAINING_CONTROLS", "training-controls")
     played = pd.concat([open_run(run).episodes(EPISODE) for run in sorted(folder.glob("run-*"))])
     frame = with_committed(played.assign(machine=machine()), episodes_of("merging", "training_controls"))
     write_episodes("training_controls", frame, EPISODE[:3])

@@ -8,7 +8,6 @@ continues.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
@@ -17,10 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.options import expert_folders
-from studies.merging.operators import percent
+from studies.merging.operators import kept_of, percent
+from studies.percent import folder_of
 from studies.shared import FITTED_ROUTERS, kilobytes, merged_policy, play_policies, table_of
 from studies.tables import episodes_of, write_episodes
 
@@ -114,9 +114,7 @@ def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> l
             outcomes = won[policy, number].dropna()
             experts = won[EXPERTS].iloc[:, 0].loc[outcomes.index]
             interval = wilson_interval(int(outcomes.sum()), len(outcomes))
-            ratio = paired_ratio(Pairs.from_outcomes(outcomes.to_numpy(), experts.to_numpy()))
             assert interval is not None
-            assert ratio is not None
             rows.append(
                 {
                     "policy": policy,
@@ -124,7 +122,7 @@ def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> l
                     "title": TITLES[policy],
                     **known.get((policy, number), dict.fromkeys(DESCRIBED, "")),
                     "success": percent(outcomes.mean(), interval),
-                    "kept": "" if policy == EXPERTS else percent(ratio.value, ratio.interval),
+                    "kept": "" if policy == EXPERTS else kept_of(outcomes.to_numpy(), experts.to_numpy()),
                     "change": "" if before is None else _change(outcomes.loc[before.index], before),
                 }
             )
@@ -144,7 +142,7 @@ def _change(after: pd.Series, before: pd.Series) -> str:
 
 def folder_of_experts() -> Path:
     """The folder of `studies/more_experts/meta_world.sh`."""
-    return Path(os.environ.get("META_WORLD", "runs/meta-world")).absolute()
+    return folder_of("META_WORLD", "meta-world")
 
 
 def in_order(tasks: Mapping[str, object]) -> list[str]:

@@ -13,6 +13,7 @@ from typing import Any
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet_mergevla.options import expert_folders
 from studies.more_experts.more_experts import NUMBERS, folder_of_experts, folder_of_merge, in_order, merged
+from studies.percent import few
 from studies.routing.routers import by_router, interval, observed
 from studies.shared import table_of
 
@@ -21,8 +22,8 @@ ROUTERS = {
     "paper-coded": "ta-s-averaged-trunk",
 }
 """Router to the merge that it routes."""
-SEEDS = 50
-TIMED = 20
+SEEDS = few(50)
+TIMED = few(20)
 """Decisions that are timed, one at a time."""
 COLUMNS = {
     "router": "{router}",
@@ -56,7 +57,7 @@ def measure() -> list[dict[str, object]]:
             first = observed(tasks[:number], view, range(SEEDS))
             seen = list(chain(*first.values()))
             blind = router(name, sees_instruction=False, stored=checkpoint.fitted)
-            (timed,) = evaluate_routers([blind], model, seen[:: len(seen) // TIMED]).routers
+            (timed,) = evaluate_routers([blind], model, seen[:: max(1, len(seen) // TIMED)]).routers
             row: dict[str, object] = {
                 "router": name,
                 "experts": number,

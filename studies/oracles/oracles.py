@@ -78,7 +78,7 @@ def rows_of(episodes: pd.DataFrame, bounds: dict[str, tuple[float, float]]) -> l
         played = episodes[episodes.task == task]
         steps = played.steps[played.status == "success"]
         counts = {"successes": len(steps), "episodes": len(played)}
-        needed = {"mean_steps": float(steps.mean()), "most_steps": int(steps.max())}
+        needed = {"mean_steps": float(steps.mean()), "most_steps": int(max(steps, default=0))}
         step_mm, turn_rad = bounds[task]
         rows.append({"task": task, "horizon": horizon, **counts, **needed, "step_mm": step_mm, "turn_rad": turn_rad})
     return rows

@@ -5,3 +5,5 @@ QUICK = (
     *("environments", "behaviour_cost", "vector_env", "remote", "workers"),
 )
 """What `make bench` measures: the others take long, or need an installation, demonstrations or a GPU."""
+APART = dict.fromkeys(("libero_cost", "libero_frames"), "libero")
+"""Tables that are measured in the environment of a simulator."""

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from studies.percent import few
 from studies.performance.inference import expert_and_merged, queries
 from studies.shared import table_of
 
@@ -49,7 +50,7 @@ def _costs(policy: "Policy") -> dict[str, float]:
 
     taken: dict[str, list[float]] = {"answer_ms": [], "alone_ms": []}
     work: dict[str, Callable[[], object]] = {"answer_ms": lambda: policy.act(asked), "alone_ms": alone}
-    for _ in range(ANSWERS):
+    for _ in range(few(ANSWERS)):
         for name, function in work.items():
             start = time.process_time()
             function()

@@ -11,6 +11,7 @@ from robogauntlet.adapters.contract import FloatArray, Simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec, Query, StatelessPolicy
 from robogauntlet.suites.episode import View
+from studies.percent import few
 from studies.shared import TASKS, episodes, open_task, table_of
 
 PAIRS = 12
@@ -115,7 +116,7 @@ def measure() -> list[dict[str, object]]:
         ours = chunk * simulation.action_spec.high
         bare, policy = BARE[task.partition("/")[0]](simulation), Fixed(ours)
         times: list[tuple[float, float]] = []
-        for episode in episodes(task, "fixed", view, PAIRS + 1, horizon=STEPS):
+        for episode in episodes(task, "fixed", view, few(PAIRS) + 1, horizon=STEPS):
             start = time.perf_counter()
             result = rollout(simulation, policy, episode)
             middle = time.perf_counter()

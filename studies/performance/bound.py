@@ -14,6 +14,7 @@ from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.selection import SuiteSelection
+from studies.percent import few
 from studies.shared import table_of
 
 PARTS = ("engine", "control", "frames", "answers", "rest", "total", "bound")
@@ -22,7 +23,7 @@ SUITE, TASKS, SEEDS = "mergevla", ("maniskill/PushCube-v1", "pybullet/PandaPush-
 
 def measure() -> list[dict[str, Any]]:
     """CPU time per episode (ms), in one process per simulator."""
-    plan = make_plan(find_suite(SUITE), part=SuiteSelection(("experts",), TASKS, SEEDS))
+    plan = make_plan(find_suite(SUITE), part=SuiteSelection(("experts",), TASKS, few(SEEDS)))
     first = {cell.task: cell for cell in reversed(plan.cells)}
     rows: list[dict[str, Any]] = []
     with ray_session(address=None, workers=1):

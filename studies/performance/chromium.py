@@ -15,6 +15,7 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
+from studies.shared import Lacking
 from tests.contrast import CHROMIUM
 
 LIMIT_S = 60.0
@@ -58,7 +59,8 @@ class Tab:
 @contextmanager
 def browser() -> Iterator[int]:
     """Start Chromium; yields the port of its protocol."""
-    assert CHROMIUM is not None, "needs Chromium: sudo bash scripts/test_tools.sh"
+    if CHROMIUM is None:
+        raise Lacking("expected Chromium: sudo bash scripts/test_tools.sh")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

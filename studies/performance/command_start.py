@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
+from studies.percent import few
 from studies.shared import GAUNTLET, table_of
 from tests.processes import environment_of
 
@@ -21,7 +22,7 @@ def measure() -> list[dict[str, object]]:
     spent: dict[str, list[float]] = {name: [] for name in COMMANDS}
     waited: dict[str, list[float]] = {name: [] for name in COMMANDS}
     with tempfile.TemporaryDirectory() as folder:
-        for number in range(TIMES + 1):
+        for number in range(few(TIMES) + 1):
             for name in COMMANDS:
                 before, start = _children(), time.perf_counter()
                 command = [*GAUNTLET, *name.split()]

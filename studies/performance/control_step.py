@@ -12,6 +12,7 @@ import numpy as np
 from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
 from robogauntlet.suites.episode import RenderProfile, View
+from studies.percent import few
 from studies.shared import open_task, table_of
 
 ROBOSUITE = ("robosuite/Lift", "robosuite/Stack", "robosuite/Door")
@@ -34,7 +35,7 @@ def measure() -> list[dict[str, object]]:
         before = np.empty(mujoco.mj_stateSize(model, state))
         physics_steps = int(env.control_timestep / env.model_timestep)
         times: dict[str, list[float]] = {"mujoco": [], "robosuite": [], "own": []}
-        for seed in range(SEEDS):
+        for seed in range(few(SEEDS)):
             simulation.reset(seed)
             shares = np.random.default_rng(seed).uniform(-1.0, 1.0, (STEPS // HELD, 7)).repeat(HELD, axis=0)
             for share in shares:

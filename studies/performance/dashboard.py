@@ -10,10 +10,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from studies.percent import few
 from studies.shared import table_of
 from tests.processes import GAUNTLET
 
-RUNS, ROUNDS, DAY = 10_000, 21, 86_400.0
+RUNS, ROUNDS, DAY = few(10_000), few(21), 86_400.0
 POLICIES, SUITES = ("experts", "merged", "merged-instruction-hidden"), ("nightly", "screening", "smoke")
 
 

@@ -6,6 +6,7 @@ import time
 from statistics import median
 from typing import Any
 
+from studies.percent import few
 from studies.shared import table_of
 
 TASKS = ("null/Reach", "robosuite/Lift")
@@ -28,7 +29,7 @@ def measure() -> list[dict[str, object]]:
             simulator, entry = task.partition("/")[0], EnvironmentEntry()
             create(Environment(simulator, entry, "the benchmark"), lambda line: None)
             for place, declared in (("the running one", {}), ("its own", {simulator: entry})):
-                seconds = [_first_reset(task, EnvironmentResolver(declared)) for _ in range(TIMES)]
+                seconds = [_first_reset(task, EnvironmentResolver(declared)) for _ in range(few(TIMES))]
                 row = {"task": task, "environment": place}
                 rows.append({**row, "median_s": median(seconds), "most_s": max(seconds)})
     columns = {"task": "{task}", "environment": "{environment}", "to the first reset, median, s": "{median_s:.2f}"}

@@ -11,6 +11,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.adapters.mujoco_scene import import_mujoco
 from robogauntlet.policies.oracles import scripts
 from robogauntlet.suites.episode import RenderProfile, View
+from studies.percent import few
 from studies.shared import TASKS, open_task, table_of
 
 STATES, REPEATS, STEPS = 6, 5, 6
@@ -31,13 +32,13 @@ def measure(tasks: Sequence[str] = TASKS) -> list[dict[str, object]]:
             spent: dict[str, list[float]] = {kind: [] for kind in profiles}
             drawn: dict[str, list[tuple[int, int]]] = {kind: [] for kind in profiles}
             equal = True
-            for seed in range(STATES):
+            for seed in range(few(STATES)):
                 for simulation in opened.values():
                     simulation.reset(seed)
                     script = scripts()[task]()
                     for _ in range(STEPS * seed):
                         simulation.step(script(simulation.privileged_state()))
-                for repeat in range(REPEATS + 1):
+                for repeat in range(few(REPEATS) + 1):
                     images = {}
                     for kind, profile in profiles.items():
                         simulation = opened[profile]

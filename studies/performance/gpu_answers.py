@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.shared import table_of
+from studies.percent import few
+from studies.shared import require_gpu, table_of
 
 if TYPE_CHECKING:
     from robogauntlet.policies.contract import Policy
     from robogauntlet_mergevla.network.config import Architecture
 
 BATCHES = (1, 8, 32)
-SECONDS = 4.0
+SECONDS = few(400) / 100
 """Duration of a measurement (s)."""
 COLUMNS = {
     "network": "{network}",
@@ -36,6 +37,7 @@ def measure() -> list[dict[str, Any]]:
     """Networks of both sizes with random weights."""
     from robogauntlet_mergevla.network.config import QWEN, TINY
 
+    require_gpu()
     rows = []
     for name, architecture in (("`tiny`", TINY), ("`qwen2.5-0.5b`, bf16", replace(QWEN, tokenizer="words"))):
         with tempfile.TemporaryDirectory(dir=os.environ.get("LARGE")) as folder:

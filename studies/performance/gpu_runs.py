@@ -10,7 +10,7 @@ import yaml
 
 from robogauntlet.results.api import open_run
 from robogauntlet.results.run_document import read_run
-from studies.shared import run_suite, table_of
+from studies.shared import require_gpu, run_suite, table_of
 from studies.tables import episodes_of, write_episodes
 
 TASKS = ("robosuite/Lift", "robosuite/Stack")
@@ -38,6 +38,7 @@ COLUMNS = {
 
 def measure() -> list[dict[str, Any]]:
     """A row per place; writes the episodes beside the rows."""
+    require_gpu()
     frames, rows = [], []
     for name, (title, options) in PLACES.items():
         with tempfile.TemporaryDirectory() as folder:

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from studies.percent import few
 from studies.shared import table_of
 
 if TYPE_CHECKING:
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 BATCHES = (1, 8, 32)
 EXPERTS = 9
 TASKS = tuple(f"null/Task{number}" for number in range(EXPERTS))
-SECONDS = 4.0
+SECONDS = few(400) / 100
 """Duration of a measurement, per batch size (s)."""
 
 

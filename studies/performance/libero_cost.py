@@ -1,8 +1,6 @@
 """Processor time of a thousand of LIBERO's episodes, played by the suite's expert; before and after the speed work.
 
-By the Python of `robogauntlet env create libero`: `PYTHON -m studies performance --measure
-libero_cost`. Opening a task and loading
-the expert, once per worker, are left out.
+After `robogauntlet env create libero`. Opening a task and loading the expert, once per worker, are left out.
 """
 
 from __future__ import annotations
@@ -16,9 +14,10 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies import catalog
 from robogauntlet.suites.episode import CAMERAS, Cell, Protocol, RenderProfile, View
 from studies.libero.libero_experts import EXPERTS, SUITES, tasks_of
+from studies.percent import few
 from studies.shared import open_task, speed_up, table_of
 
-SEEDS = range(3)
+SEEDS = range(few(3))
 WAYS: Mapping[str, tuple[RenderProfile, bool, bool]] = {
     "every_step": (RenderProfile.STANDARD, False, True),
     "before": (RenderProfile.STANDARD, False, False),

@@ -1,4 +1,4 @@
-"""The same as `frames` in LIBERO, by the Python of `robogauntlet env create libero`."""
+"""The same as `frames` in LIBERO, after `robogauntlet env create libero`."""
 
 from studies.performance import frames
 

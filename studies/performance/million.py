@@ -8,9 +8,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from studies.percent import few
 from studies.shared import table_of
 
-EPISODES = 1_000_000
+EPISODES = few(1_000_000)
 CODE = """
 import resource, sys, time
 from pathlib import Path

@@ -6,6 +6,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from studies.percent import few
 from studies.performance.chromium import browser, tab
 from studies.shared import table_of
 from studies.tables import ROOT
@@ -29,7 +30,7 @@ def measure() -> list[dict[str, Any]]:
     rows = []
     with browser() as port:
         for name, (width, height) in WINDOWS.items():
-            seconds = [_open(port, PAGE, width, height, mobile=name == "phone") for _ in range(TIMES)]
+            seconds = [_open(port, PAGE, width, height, mobile=name == "phone") for _ in range(few(TIMES))]
             loaded, painted, drawn = (median(times) for times in zip(*seconds, strict=True))
             row = {"page": PAGE.name, "size_mb": PAGE.stat().st_size / 1e6, "window": name, "width": width}
             rows.append({**row, "painted_s": painted, "loaded_s": loaded, "drawn_s": drawn})

@@ -13,9 +13,10 @@ from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Protocol, RenderProfile, View
+from studies.percent import few
 from studies.shared import TASKS, open_task, table_of
 
-SEEDS = 5
+SEEDS = few(5, 1)
 STEPS, REPLAN = 40, 4
 """Length and observations of a typical episode of a learned policy."""
 SEVERITY = 4

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
+from studies.percent import IS_PART
 from studies.shared import GAUNTLET, stored_rows, table_of
 
 if TYPE_CHECKING:
@@ -40,11 +41,18 @@ policies:
   - {{name: merged, kind: mergevla-merged, options: {{checkpoint: {checkpoint}, router: paper-coded}}}}
 tasks: [{task}]
 seeds: {{count: 1}}
-image_size: 224
+image_size: {size}
 render_profile: fast
 workers: 1
 episode_time_limit_s: 3600
 """
+
+
+def architecture() -> "Architecture":
+    """The paper's size; of a share, the size of the zoo."""
+    from robogauntlet_mergevla.network.config import QWEN, TINY
+
+    return TINY if IS_PART else QWEN
 
 
 def measure() -> list[dict[str, Any]]:
@@ -68,7 +76,9 @@ def steps(folder: Path) -> list[dict[str, Any]]:
 
 def played(folder: Path) -> list[dict[str, Any]]:
     """Play an episode with the merged model; a row of the command, and of parts of the episode."""
-    (folder / "suite.yaml").write_text(SUITE.format(checkpoint=folder / "merged", task=PLAYED))
+    (folder / "suite.yaml").write_text(
+        SUITE.format(checkpoint=folder / "merged", task=PLAYED, size=architecture().image_size)
+    )
     play = ["run", "suite.yaml", "--out", "run", "--no-media"]
     rows = [row("an episode of " + PLAYED, play, folder, None)]
     (episode,) = stored_rows(folder / "run")
@@ -136,10 +146,8 @@ def _memory(pid: int) -> tuple[float, float]:
 class InFolder:
     """What has to be there before the commands, made in a process of its own."""
 
-    def __init__(self, folder: Path, architecture: "Architecture | None" = None) -> None:
-        from robogauntlet_mergevla.network.config import QWEN
-
-        self.folder, self.architecture = folder, architecture or QWEN
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.architecture = folder, architecture()
 
     def base(self) -> None:
         """A base with random weights in bf16."""

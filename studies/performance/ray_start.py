@@ -5,6 +5,7 @@ import subprocess
 import sys
 from statistics import median
 
+from studies.percent import few
 from studies.shared import table_of
 from studies.tables import ROOT
 from tests.processes import environment_of
@@ -34,7 +35,7 @@ print(json.dumps(result))
 def measure() -> list[dict[str, object]]:
     """Medians: seconds until Ray and a worker are up and Ray is down; processor time (s), memory (MB), processes."""
     starts: list[dict[str, float]] = []
-    for _ in range(TIMES):
+    for _ in range(few(TIMES)):
         command = [sys.executable, "-c", CODE]
         done = subprocess.run(command, env=environment_of(ROOT), capture_output=True, text=True, check=True)
         starts.append(json.loads(done.stdout.splitlines()[-1]))

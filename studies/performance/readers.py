@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 
+from studies.percent import few
 from studies.shared import GAUNTLET, duration_s, stored_rows, table_of
 
 SUITE = """
@@ -23,7 +24,7 @@ workers: 1
 render_profile: fast
 """
 READERS, POLL_S, PAGES = 50, 2.0, ("/", "/runs", "/schedule", "/history?policy=random")
-PAIRS = 3
+PAIRS = few(3, 1)
 
 
 def measure() -> list[dict[str, object]]:

@@ -20,10 +20,11 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Episode, Protocol, View
+from studies.percent import few
 from studies.shared import GAUNTLET, table_of
 
 SIZE = 224
-QUERIES, WARM = 1000, 50
+QUERIES, WARM = few(1000), few(50)
 POLICY = """
 import numpy as np
 

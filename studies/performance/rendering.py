@@ -5,9 +5,10 @@ import time
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.suites.episode import View
+from studies.percent import few
 from studies.shared import TASKS, episodes, open_task, table_of
 
-EPISODES = 5
+EPISODES = few(5, 1)
 
 
 def measure() -> list[dict[str, object]]:

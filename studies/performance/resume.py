@@ -7,9 +7,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from studies.percent import few
 from studies.shared import GAUNTLET, table_of
 
-PLANNED, MISSING = 1_000_000, 100
+PLANNED, MISSING = few(1_000_000), 100
 SUITE = f"""
 name: resume
 policies: [oracle, zero]

@@ -11,14 +11,15 @@ import tempfile
 import time
 from pathlib import Path
 
+from studies.percent import few
 from studies.shared import table_of
 
 SIZES = ((10_000, 1_000), (100_000, 10), (100_000, 100), (100_000, 1_000), (1_000_000, 1_000))
 """Episodes and workers."""
 CELLS = 400
 SHORTEST_S, LONGEST_S = 0.1, 10.0
-PENDING = 1_000
-EVENTS = 300
+PENDING = few(1_000)
+EVENTS = few(300)
 
 CODE = """
 import json, resource, sys
@@ -35,7 +36,7 @@ def measure() -> list[dict[str, object]]:
     print(f"on a real Ray: {1e6 * event_s:.0f} us to send a lease and handle its event,")
     print(f"{1e3 * wait_s:.1f} ms to find which of {PENDING} workers have an event")
     rows: list[dict[str, object]] = []
-    for episodes, workers in SIZES:
+    for episodes, workers in ((few(episodes, CELLS), few(workers)) for episodes, workers in SIZES):
         command = [sys.executable, "-c", CODE, str(episodes), str(workers), str(event_s), str(wait_s / PENDING)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         line = next(line for line in done.stdout.splitlines() if line.startswith("result:"))

@@ -7,13 +7,15 @@ import tempfile
 import time
 from pathlib import Path
 
+from studies.percent import few
 from studies.shared import stored_rows, table_of
 
+EPISODES = 100_000
 SUITE = """
 name: throughput
 policies: [oracle, zero]
 tasks: [null/Reach]
-seeds: {count: 50000}
+seeds: {{count: {episodes}}}
 horizon: 20
 workers: 2
 """
@@ -46,7 +48,7 @@ def measure() -> list[dict[str, object]]:
     """Plan, play, store and report 100,000 episodes through the command line."""
     with tempfile.TemporaryDirectory() as folder:
         suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
-        suite.write_text(SUITE, encoding="utf-8")
+        suite.write_text(SUITE.format(episodes=few(EPISODES) // 2), encoding="utf-8")
         start = time.perf_counter()
         command = [sys.executable, "-c", CODE, "run", str(suite), "--out", str(run), "--no-media"]
         done = subprocess.run(command, check=True, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200"})

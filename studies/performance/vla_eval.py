@@ -22,6 +22,7 @@ from robogauntlet.orchestrator.environments.environment import Environment
 from robogauntlet.orchestrator.environments.installer import create
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.suites.environments import EnvironmentEntry
+from studies.percent import few
 from studies.shared import POLICY_OPTIONS, TASKS, table_of
 from studies.tables import ROOT
 
@@ -30,7 +31,7 @@ HARNESS = EnvironmentEntry(
     without_dependencies=("vla-eval==0.8.0",),
 )
 PROCESS = "studies.performance.vla_eval_process"
-EPISODES = 4
+EPISODES = few(4)
 OURS = "ours"
 VARIANTS = {
     "raw, our simulation": ("raw", True),

@@ -6,10 +6,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,6 +19,7 @@ from robogauntlet.results.run_document import read_run
 from robogauntlet.results.statistics.aggregate import Estimate, mean_of_levels
 from robogauntlet.results.statistics.rates import Interval
 from robogauntlet.suites.episode import CLEAN
+from studies.percent import folder_of
 from studies.shared import table_of
 from studies.tables import write_episodes
 
@@ -63,7 +62,7 @@ def played() -> pd.DataFrame:
 
 def episodes_of(run: str) -> pd.DataFrame:
     """The episodes of a run that count, with the columns `EPISODE`, without the oracle's."""
-    folder = Path(os.environ.get("ROBUST", "runs/robust-experts")) / "runs" / run
+    folder = folder_of("ROBUST", "robust-experts") / "runs" / run
     frame, document = open_run(folder).episodes((*EPISODE, "policy_digest", "delivered")), read_run(folder)
     cells = [cell for cell in document.plan if cell.policy != ORACLE]
     kept = select_eligible(document, frame).verdicts(cells)[list(EPISODE)]

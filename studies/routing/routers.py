@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.suites.episode import View
+from studies.percent import SUFFIX, few
 from studies.routing.unknown_scenes import SCENES, open_scene
 from studies.shared import EXPERT_VIEW, open_task, table_of
 from studies.tables import WRITTEN
@@ -31,10 +32,10 @@ if TYPE_CHECKING:
     Scores = Callable[[Sequence[FirstObservation], bool], Tensor]
     """Scores (n, experts) of observations, with the instruction read or hidden."""
 
-SEEDS = range(100)
+SEEDS = range(few(100))
 PAIR = ("pybullet/PandaPush-v3", "pybullet/PandaPickAndPlace-v3")
 """Tasks with one scene, which differ in where the goal may be."""
-FRAMES, MORE_FRAMES = range(1_000_000, 1_000_112), range(1_000_000, 1_001_400)
+FRAMES, MORE_FRAMES = range(1_000_000, 1_000_000 + few(112)), range(1_000_000, 1_000_000 + few(1_400))
 """Training seeds whose first observations `more_frames` is fitted to; the second are those of `PAIR`."""
 SHIPPED, AVERAGED = "shipped", "TA+S, averaged trunk"
 SUBSPACES = ("projections=v", "projections=k", "projections=kv")
@@ -259,7 +260,7 @@ def first_of_demonstrations(model: MergedModel) -> RouterTrainingSet:
     from robogauntlet.policies.training.dataset import datasets_of
     from robogauntlet_mergevla.routing.demonstrations import first_observations
 
-    folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
+    folder = Path(os.environ.get("DEMONSTRATIONS", f"runs/zoo{SUFFIX}/demonstrations"))
     return first_observations(datasets_of([folder], model.experts), model.architecture.cameras)
 
 

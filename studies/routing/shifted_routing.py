@@ -17,6 +17,7 @@ from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.results.statistics.rates import clustered_rate
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.episode import Perturbation as At
+from studies.percent import few
 from studies.routing.routers import by_router, interval
 from studies.shared import EXPERT_VIEW, open_task, table_of
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from robogauntlet.adapters.contract import Observation
     from robogauntlet_mergevla.routing.contract import FirstObservation
 
-SEEDS = range(20)
+SEEDS = range(few(20))
 SENTENCES = {
     "maniskill/PullCube-v1": (
         "could the blue cube be on the target, nearer to you",

@@ -6,9 +6,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import pandas as pd
 
 from robogauntlet.adapters.so101.tasks import OTHER_COLOURS
@@ -16,6 +13,7 @@ from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet_mergevla.options import expert_folders
 from studies.arms import arms
 from studies.merging.operators import percent
+from studies.percent import folder_of
 from studies.shared import merged_policy, play_policies, table_of
 from studies.tables import write_episodes
 
@@ -30,7 +28,7 @@ SEEDS = 20
 
 def measure() -> list[dict[str, object]]:
     """A row for each setting and policy; writes the episodes beside the rows."""
-    folder = Path(os.environ.get("SO101", "runs/so101")).absolute()
+    folder = folder_of("SO101", "so101")
     merges = arms.merges_of(folder, "all", expert_folders(folder / "experts"), WAYS)
     policies = {"experts": {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}
     policies |= {way: merged_policy(out) for way, out in merges.items()}

@@ -6,13 +6,11 @@ of `studies/two_arms/two_arms.sh`. What is finished in the folder is kept, so th
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import pandas as pd
 
 from robogauntlet_mergevla.options import expert_folders
 from studies.arms import arms
+from studies.percent import folder_of
 from studies.shared import merged_policy, play_policies, table_of
 from studies.tables import write_episodes
 
@@ -28,7 +26,7 @@ SEEDS = 50
 
 def measure() -> list[dict[str, object]]:
     """A row for each policy; writes the episodes beside the rows."""
-    folder = Path(os.environ.get("TWO_ARMS", "runs/two-arms")).absolute()
+    folder = folder_of("TWO_ARMS", "two-arms")
     found = expert_folders(folder / "experts")
     merges = arms.merges_of(folder, "all", {task: found[task] for task in TASKS}, WAYS)
     policies = {"experts": {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}

@@ -8,10 +8,11 @@ import numpy as np
 
 from robogauntlet.results.statistics.boundary import Boundary
 from robogauntlet.results.statistics.worst_case import LARGEST, Disturbance, Point
+from studies.percent import few
 from studies.shared import table_of
 from tests.results.statistics.test_worst_case import Policy, run, smallest_found
 
-SEARCHES = 1000
+SEARCHES = few(1000)
 NEAR = 0.5
 """Severities within which a boundary counts as found."""
 
