@@ -222,6 +222,9 @@ class PolicyKind:
     `python` is then that environment's interpreter."""
     without_dependencies: tuple[str, ...] = ()
     """Further requirements, which are installed without their dependencies."""
+    preferred: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Version of Python, such as `3.12`, to the requirements of an environment that is made instead where one is at
+    hand, and inherits nothing."""
     imports: str = ""
     """`MODULE:FUNCTION` that imports what the policy needs; `robogauntlet env list` calls it in its environment."""
     files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None

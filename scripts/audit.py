@@ -50,6 +50,7 @@ def pins_by_origin() -> dict[str, list[str]]:
     return {
         "constraints.txt": [line for line in lines if line and not line.startswith("#")],
         "policies/lerobot/policy.py": [pin for pin in (*KIND.requirements, *KIND.without_dependencies) if "==" in pin],
+        "policies/lerobot/policy.py, preferred": sorted({pin for pins in KIND.preferred.values() for pin in pins}),
     }
 
 

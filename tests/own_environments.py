@@ -11,10 +11,10 @@ from robogauntlet.orchestrator.environments.environment import adapter_environme
 FOLDER = os.environ.get("ROBOGAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
 
 
-def python_of(name):
+def python_of(name, folder=FOLDER):
     """The Python of an environment, or this one if it has what is needed; skips where the environment was not made."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", FOLDER)
+        patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", folder)
         environment = adapter_environment(environment_users()[name])
         if environment is None:
             return sys.executable

@@ -22,8 +22,10 @@ from robogauntlet.orchestrator.environments.environment import (
     EnvironmentUser,
     adapter_environment,
     config_path,
+    declared_environments,
     environment_users,
 )
+from robogauntlet.orchestrator.environments.pythons import SEARCHED, find_python
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.registry import find_suite, load_registry
 from robogauntlet.suites.loading import load_suite
@@ -53,6 +55,8 @@ def create(
     Exit code 1 if the environment does not fit.
     """
     simulator, environment = _find(name, suite)
+    if environment.origin == "its adapter":
+        environment = _best(simulator)
     began = time.monotonic()
     with _progress() as log:
         created = installer.create(environment, log, fresh=fresh)
@@ -113,6 +117,22 @@ def remove(name: Name) -> None:
         raise BadInput(f"{name}: no environment of that name; see: robogauntlet env list")
     for folder in removed:
         print_line(f"removed {folder}")
+
+
+def _best(user: EnvironmentUser) -> Environment:
+    """The first declared environment whose Python is at hand; of several, a line says which and why."""
+    environments = declared_environments(user)
+    pythons = [(one, python) for one in environments if (python := find_python(one.version)) is not None]
+    chosen, python = pythons[0]
+    if len(environments) > 1:
+        new, old = (
+            next(item for item in (*one.entry.requirements, *one.entry.without_dependencies) if user.modules[0] in item)
+            for one in (environments[0], chosen)
+        )
+        wanted = " or ".join(one.version for one in environments[:-1])
+        why = "" if new == old else f": {new} needs Python {wanted}, and none that starts is {SEARCHED}"
+        print_line(f"{user.name}: {old} with Python {chosen.version}, {python}{why}")
+    return chosen
 
 
 def _show(name: str, suite: str | None) -> None:

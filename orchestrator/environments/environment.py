@@ -58,9 +58,19 @@ class Environment:
     """Where it is declared: `the suite`, `its adapter`, or the path of the configuration file."""
 
     @property
+    def version(self) -> str:
+        """Version of its Python, such as `3.12`."""
+        return self.entry.python or RUNNING
+
+    @property
+    def has_workers(self) -> bool:
+        """Whether workers run in it. A policy's own interpreter only computes what its parent asks for."""
+        return self.name not in policies.kinds()
+
+    @property
     def folder(self) -> Path:
         """Its folder, which depends on the entry, the Python version, and the environment that it inherits from."""
-        identity = [self.entry.hash, RUNNING, sys.prefix if self.entry.inherit else None]
+        identity = [self.entry.hash, self.version, sys.prefix if self.entry.inherit else None]
         return root() / f"{self.name}-{content_hash(identity, length=12)}"
 
     @property
@@ -122,11 +132,24 @@ def read_config() -> Config:
     return load_config(path, sorted(environment_users()))
 
 
+def declared_environments(user: EnvironmentUser) -> list[Environment]:
+    """The environments that a user can have, the preferred one first; none if it runs in the running one."""
+    entries = []
+    if isinstance(user, PolicyKind):
+        new = user.preferred.items()
+        entries = [EnvironmentEntry(python=version, requirements=needed, inherit=False) for version, needed in new]
+    if user.requirements or user.without_dependencies:
+        entries.append(EnvironmentEntry(requirements=user.requirements, without_dependencies=user.without_dependencies))
+    return [Environment(user.name, entry, "its adapter") for entry in entries]
+
+
 def adapter_environment(user: EnvironmentUser, *, always: bool = False) -> Environment | None:
-    """The environment that a user declares; unless `always`, only if the running one lacks its modules."""
-    if not (user.requirements or user.without_dependencies):
+    """The environment that a user declares; unless `always`, only if the running one lacks its modules.
+
+    Of several it is the first that exists, and the last if none does.
+    """
+    if not (environments := declared_environments(user)):
         return None
     if not always and all(find_spec(module) is not None for module in user.modules):
         return None
-    entry = EnvironmentEntry(requirements=user.requirements, without_dependencies=user.without_dependencies)
-    return Environment(user.name, entry, "its adapter")
+    return next((one for one in environments if one.manifest is not None), environments[-1])

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 import uuid
-import venv
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from importlib import metadata
@@ -26,6 +25,7 @@ from robogauntlet.orchestrator.environments.environment import (
     EnvironmentProblem,
     root,
 )
+from robogauntlet.orchestrator.environments.pythons import SEARCHED, find_python
 from robogauntlet.orchestrator.environments.source_path import PACKAGE
 from robogauntlet.support.errors import describe_os_error
 from robogauntlet.support.files import exclusive
@@ -57,9 +57,11 @@ def create(environment: Environment, log: Log, *, fresh: bool = False) -> bool:
     entry, folder = environment.entry, environment.folder
     if entry.interpreter is not None:
         raise EnvironmentProblem(f"{environment.name}: {entry.interpreter} is your own interpreter; nothing to create")
-    if entry.python not in (None, RUNNING):
-        expected = f"expected Python {RUNNING} as here, which Ray requires of all workers"
-        raise EnvironmentProblem(f"{environment.name}: {expected}, got python: {entry.python}")
+    if environment.version != RUNNING and (environment.has_workers or entry.inherit):
+        why = "which Ray requires of all workers" if environment.has_workers else "or inherit: false"
+        raise EnvironmentProblem(
+            f"{environment.name}: expected Python {RUNNING} as here, {why}, got python: {entry.python}"
+        )
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with _locked(folder):
@@ -121,25 +123,28 @@ def _locked(folder: Path) -> AbstractContextManager[None]:
 def _build(environment: Environment, folder: Path, log: Log) -> None:
     entry = environment.entry
     has_pip = find_spec("pip") is not None
-    log(f"a Python {RUNNING} in {environment.folder}")
-    venv.EnvBuilder(symlinks=True, with_pip=not has_pip).create(folder)
-    site_packages = folder / "lib" / f"python{RUNNING}" / "site-packages"
+    if (python := find_python(environment.version)) is None:
+        raise EnvironmentProblem(f"{environment.name}: no Python {environment.version} that starts is {SEARCHED}")
+    log(f"a Python {environment.version} in {environment.folder}")
+    _run(environment, [str(python), "-m", "venv", *(["--without-pip"] if has_pip else []), str(folder)], log)
+    site_packages = folder / "lib" / f"python{environment.version}" / "site-packages"
     if entry.inherit:
         inherited = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
         line = f"import site; list(map(site.addsitedir, {inherited!r}))\n"
         (site_packages / "robogauntlet_inherited.pth").write_text(line, encoding="utf-8")
-    constraints = folder / "constraints.txt"
+    constraints, first = folder / "constraints.txt", list(entry.requirements)
     constraints.write_text(f"ray=={metadata.version('ray')}\n", encoding="utf-8")
-    first = [*entry.requirements, *([] if entry.inherit else _worker_requirements())]
+    if environment.has_workers and not entry.inherit:
+        first += _worker_requirements()
     for options, wanted in (["-c", str(constraints)], first), (["--no-deps"], list(entry.without_dependencies)):
         if wanted:
             log(f"installing {', '.join(wanted)}")
             command = _installer(environment, folder / "bin" / "python", has_pip=has_pip)
-            _install(environment, [*command, *options, *wanted], log)
+            _run(environment, [*command, *options, *wanted], log)
     marker = {
         "name": environment.name,
         "entry": entry.model_dump(mode="json", exclude_defaults=True),
-        "python": RUNNING,
+        "python": environment.version,
         "inherits": sys.prefix if entry.inherit else None,
         "made_at": time.time(),
     }
@@ -163,8 +168,8 @@ def _installer(environment: Environment, python: Path, *, has_pip: bool) -> list
     return [*pip, "--disable-pip-version-check", "--no-input", "install", "--progress-bar", "off"]
 
 
-def _install(environment: Environment, command: Sequence[str], log: Log) -> None:
-    """Run an installer, log its steps, and raise the reason if it fails."""
+def _run(environment: Environment, command: Sequence[str], log: Log) -> None:
+    """Run an installer or `venv`, log its steps, and raise the reason if it fails."""
     variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     lines: list[str] = []
     with subprocess.Popen(

@@ -8,6 +8,7 @@ evaluation.
 from __future__ import annotations
 
 import base64
+import contextlib
 import copy
 import json
 import os
@@ -57,7 +58,10 @@ class Loaded:
         self._torch, self._device = names.torch, names.torch.device(device)
         config = names.PreTrainedConfig.from_pretrained(folder)
         config.device = device
-        self._policy = names.get_policy_class(config.type).from_pretrained(folder, config=config)
+        with weights_loaded(names.torch.nn.Module) as into:
+            self._policy = names.get_policy_class(config.type).from_pretrained(folder, config=config)
+        if not any(module is self._policy for module in into):
+            raise ValueError("expected weights that fit its config.json in model.safetensors, LeRobot cannot load them")
         self._policy.eval()
         moved = {"device_processor": {"device": device}}
         self._before, self._after = names.make_pre_post_processors(
@@ -95,6 +99,26 @@ class Loaded:
 def observes_every_step(config: dict[str, Any]) -> bool:
     """Whether a policy's actions depend on more than the observation at the start of a chunk."""
     return config.get("n_obs_steps", 1) > 1 or config.get("temporal_ensemble_coeff") is not None
+
+
+@contextlib.contextmanager
+def weights_loaded(module: Any) -> Iterator[list[Any]]:
+    """Yield the modules that get weights meanwhile.
+
+    LeRobot's pi0, pi0-FAST and pi0.5 print that they cannot load weights, and would act with random ones.
+    """
+    original, into = module.load_state_dict, []
+
+    def noting(self: Any, *arguments: Any, **more: Any) -> Any:
+        loaded = original(self, *arguments, **more)
+        into.append(self)
+        return loaded
+
+    module.load_state_dict = noting
+    try:
+        yield into
+    finally:
+        module.load_state_dict = original
 
 
 def torchvision_beside_any_torch(torch: Any) -> None:

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import time
+from dataclasses import replace
 
 import psutil
 import pytest
@@ -12,7 +13,8 @@ import pytest
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments import installer
 from robogauntlet.orchestrator.environments.check import check
-from robogauntlet.orchestrator.environments.environment import EnvironmentProblem, root
+from robogauntlet.orchestrator.environments.environment import RUNNING, EnvironmentProblem, root
+from tests.errors import one_line_error
 from tests.full_disk import no_space
 from tests.processes import GAUNTLET
 
@@ -73,6 +75,26 @@ def test_a_failed_installation_is_one_line_and_leaves_nothing(environment, requi
     assert leftovers() == []
 
 
+def test_the_environment_of_a_policy_gets_its_requirements_alone(environment):
+    """Not Ray, nor what workers import: none of it can be found here."""
+    one = replace(environment(requirements=["gearbox==1.0"], inherit=False), name="lerobot")
+    assert installer.create(one, silent)
+    assert [path.name for path in one.site_packages[0].glob("*.dist-info")] == ["gearbox-1.0.dist-info"]
+
+
+@pytest.mark.parametrize(
+    ("inherit", "reason"),
+    [
+        (True, f"expected Python {RUNNING} as here, or inherit: false, got python: 3.19"),
+        (False, "no Python 3.19 that starts is on the PATH or in pyenv"),
+    ],
+)
+def test_a_python_that_a_policy_cannot_have_is_one_line(environment, inherit, reason):
+    with one_line_error(EnvironmentProblem, f"^lerobot: {reason}$"):
+        installer.create(replace(environment(python="3.19", inherit=inherit), name="lerobot"), silent)
+    assert installer.all_folders() == []
+
+
 def test_a_failed_replacement_leaves_the_old_one(environment, monkeypatch):
     one = environment(requirements=["gearbox==2.0"])
     installer.create(one, silent)
@@ -83,7 +105,7 @@ def test_a_failed_replacement_leaves_the_old_one(environment, monkeypatch):
 
 
 def test_a_full_disk_is_reported_and_leaves_nothing(environment, monkeypatch):
-    monkeypatch.setattr("venv.EnvBuilder.create", no_space)
+    monkeypatch.setattr(installer, "_run", no_space)
     with pytest.raises(EnvironmentProblem, match="the disk is full"):
         installer.create(environment(), silent)
     assert leftovers() == []

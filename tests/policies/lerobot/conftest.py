@@ -1,18 +1,32 @@
 """LeRobot's own interpreter, and the declarations of a checkpoint."""
 
 import json
-import os
 
 import pytest
 
 from robogauntlet.policies.lerobot.checkpoint import FILES
 from tests.own_environments import python_of
+from tests.processes import run_gauntlet
 
 
 @pytest.fixture(scope="session")
 def python():
-    """The Python of LeRobot's environment, or that of another release, which ROBOGAUNTLET_TEST_LEROBOT names."""
-    return os.environ.get("ROBOGAUNTLET_TEST_LEROBOT") or python_of("lerobot")
+    """The Python of LeRobot's environment, as `env create` makes it on this machine."""
+    return python_of("lerobot")
+
+
+@pytest.fixture(scope="session", params=["as made here", pytest.param("0.4.4", marks=pytest.mark.nightly)])
+def each_python(request, python, tmp_path_factory):
+    """Also that of LeRobot 0.4.4, as `env create` makes it where there is no newer Python."""
+    if request.param != "0.4.4":
+        return python
+    folder = str(tmp_path_factory.mktemp("environments"))
+    without = {"PATH": "/nowhere", "PYENV_ROOT": "/nowhere", "ROBOGAUNTLET_ENVIRONMENTS": folder}
+    done = run_gauntlet("env", "create", "lerobot", timeout=900, **without)
+    needs = "lerobot[diffusion,pi,smolvla]==0.6.1 needs Python 3.12 or 3.13, and none that starts is on the PATH"
+    assert needs in done.stdout, done.stderr
+    assert "lerobot 0.4.4" in done.stdout.splitlines()[-1]
+    return python_of("lerobot", folder)
 
 
 @pytest.fixture

@@ -4,11 +4,14 @@
 --only-act SIZE` makes one for images of that size (px).
 """
 
+import os
 import sys
 from pathlib import Path
 
 import numpy as np
 import torch
+
+from tests.policies.lerobot import language
 
 SIZE, STATE, DIM = 32, 8, 7
 
@@ -47,21 +50,43 @@ def make(kind, folder, size=SIZE):
             "pretrained_backbone_weights": None,
             "use_group_norm": True,
         },
+        "smolvla": {
+            "chunk_size": 6,
+            "n_action_steps": 3,
+            "vlm_model_name": str(folder.parent / "vlm"),
+            "num_vlm_layers": 2,
+            "num_steps": 2,
+            "resize_imgs_with_padding": (64, 64),
+        },
+        "pi05": {
+            "chunk_size": 6,
+            "n_action_steps": 3,
+            "num_inference_steps": 2,
+            "image_resolution": (56, 56),
+        },
     }
     done = {"action": PolicyFeature(FeatureType.ACTION, (DIM,))}
     config = make_policy_config(kind, input_features=seen, output_features=done, device="cpu", **sizes[kind])
+    if kind == "smolvla":
+        language.write_vision_language_model(folder.parent / "vlm")
+    elif kind == "pi05":
+        language.make_pi05_small()
+        language.write_tokenizer(folder.parent / language.TOKENIZER)
+        os.chdir(folder.parent)  # where it is found by the name that LeRobot gives it
     torch.manual_seed(7)
     policy = get_policy_class(kind)(config)
     statistics = {
         name: {key: torch.full(shape, value) for key, value in values.items()}
         for name, shape, values in (
             (image, (3, 1, 1), {"mean": 0.4, "std": 0.3, "min": 0.0, "max": 1.0}),
-            (state, (STATE,), {"mean": 0.1, "std": 0.5, "min": -1.0, "max": 1.0}),
-            ("action", (DIM,), {"mean": 0.001, "std": 0.02, "min": -0.05, "max": 0.05}),
+            (state, (STATE,), {"mean": 0.1, "std": 0.5, "min": -1.0, "max": 1.0, "q01": -0.9, "q99": 0.9}),
+            ("action", (DIM,), {"mean": 0.001, "std": 0.02, "min": -0.05, "max": 0.05, "q01": -0.04, "q99": 0.04}),
         )
     }
     for part in (policy, *make_pre_post_processors(config, dataset_stats=statistics)):
         part.save_pretrained(folder)
+    if kind == "pi05":
+        language.name_tokenizer(folder, folder.parent / language.TOKENIZER)
 
 
 def answer(folder, kind):

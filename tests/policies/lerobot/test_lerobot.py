@@ -3,80 +3,47 @@
 import math
 import os
 import shutil
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import ActionSpec, Observation, ObservationSpec
+from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query, check_fit
 from robogauntlet.policies.lerobot.checkpoint import read_checkpoint
 from robogauntlet.policies.lerobot.lerobot_policy import ProcessLost
-from robogauntlet.suites.episode import Episode, Protocol, View, content_hash
-from tests import ROOT
 from tests.errors import one_line_error
-from tests.processes import environment_of
-
-MAKING = Path(__file__).with_name("making.py")
-VIEW = View(("third_person",), 32)
-STEPS, CHUNK = 6, {"act": 3, "diffusion": 1}
-EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
+from tests.policies.lerobot.asking import CHUNK, EPISODE, answers, make
 
 
 @pytest.fixture(scope="session")
-def made(python, tmp_path_factory):
+def made(each_python, tmp_path_factory):
     """Folder with a checkpoint and LeRobot's actions for each kind, and the queries."""
-    folder = tmp_path_factory.mktemp("lerobot")
-    generator = np.random.default_rng(0)
-    images = generator.integers(0, 256, (STEPS, 32, 32, 3), np.uint8)
-    states = generator.normal(size=(STEPS, 8)).astype(np.float32)
-    seeds = {kind: [-1 if step % length else seed_at(step) for step in range(STEPS)] for kind, length in CHUNK.items()}
-    np.savez(folder / "asked.npz", images=images, states=states, **seeds)
-    subprocess.run([python, MAKING, folder, *CHUNK], env=environment_of(ROOT), check=True, capture_output=True)
-    return folder
+    return make(each_python, tmp_path_factory.mktemp("lerobot"), "act", "diffusion")
 
 
 @pytest.fixture(scope="module")
-def played(python, made):
+def played(each_python, made):
     """ACT, in one process for the tests of this file."""
-    policy = catalog.load("lerobot", {"checkpoint": str(made / "act"), "python": python})
+    policy = catalog.load("lerobot", {"checkpoint": str(made / "act"), "python": each_python})
     yield policy
     policy.close()
-
-
-def seed_at(step):
-    return int(content_hash([EPISODE.id, int(step)]), 16) % 2**63
-
-
-def answers(policy, made, kind):
-    asked, other = np.load(made / "asked.npz"), Episode("p", "d", "null/Reach", 4, EPISODE.protocol)
-    policy.reset([EPISODE, other])
-    rows = []
-    for step in range(0, STEPS, CHUNK[kind]):
-        seen = Observation({"third_person": asked["images"][step]}, asked["states"][step].astype(np.float64), "reach")
-        rows.append(policy.act([Query(EPISODE, step, seen)])[0].actions)
-        policy.act([Query(other, step, seen)])  # another episode in between changes nothing
-    policy.finish([EPISODE, other])
-    return np.concatenate(rows)
 
 
 @pytest.mark.slow
 def test_actions_of_act_are_bit_identical_to_lerobots(played, made):
     assert played.spec.chunk_length == CHUNK["act"]
-    np.testing.assert_array_equal(answers(played, made, "act"), np.load(made / "act.npy").astype(np.float64))
+    np.testing.assert_array_equal(*answers(played, made, "act"))
 
 
 @pytest.mark.nightly
-def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identical_to_lerobots(python, made):
-    policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": python})
+def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identical_to_lerobots(each_python, made):
+    policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": each_python})
     assert policy.spec.chunk_length == CHUNK["diffusion"]
-    found = answers(policy, made, "diffusion")
+    np.testing.assert_array_equal(*answers(policy, made, "diffusion"))
     policy.close()
-    np.testing.assert_array_equal(found, np.load(made / "diffusion.npy").astype(np.float64))
 
 
 @pytest.mark.slow
@@ -104,11 +71,11 @@ def test_an_episode_is_the_same_when_replayed_after_its_process_died(played, mad
 
 
 @pytest.mark.nightly
-def test_weights_that_cannot_be_read_are_one_line(python, made, tmp_path):
+def test_weights_that_cannot_be_read_are_one_line(each_python, made, tmp_path):
     shutil.copytree(made / "act", tmp_path / "broken")
     (tmp_path / "broken" / "model.safetensors").write_bytes(b"none")
     with pytest.raises(PolicyError, match=r"^policy 'lerobot': SafetensorError: "):
-        catalog.load("lerobot", {"checkpoint": str(tmp_path / "broken"), "python": python})
+        catalog.load("lerobot", {"checkpoint": str(tmp_path / "broken"), "python": each_python})
 
 
 def test_the_hash_covers_files_and_conversions_but_not_the_folder(bare, tmp_path):

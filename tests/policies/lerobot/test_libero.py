@@ -7,7 +7,7 @@ import pytest
 from robogauntlet.results.api import open_run
 from tests import ROOT
 from tests.own_environments import FOLDER, python_of
-from tests.policies.lerobot.test_lerobot import CHUNK, MAKING
+from tests.policies.lerobot.asking import CHUNK, MAKING
 from tests.processes import GAUNTLET, environment_of
 
 TASK = "libero/spatial-0-between-plate-ramekin"

@@ -8,7 +8,7 @@ import pytest
 
 from tests import ROOT
 from tests.own_environments import FOLDER
-from tests.policies.lerobot.test_lerobot import MAKING
+from tests.policies.lerobot.asking import MAKING
 from tests.processes import environment_of
 from tests.tutorials import follow
 
