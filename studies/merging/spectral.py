@@ -11,18 +11,11 @@ from collections.abc import Callable, Sequence
 
 import torch
 
-from robogauntlet_mergevla.merging.elementwise import PUBLISHED_TRIM, elect, trimmed
 from robogauntlet_mergevla.merging.errors import check_range
-from robogauntlet_mergevla.merging.task_vectors import TaskVector, TaskVectors, names_of, order_free_sum, stack
+from robogauntlet_mergevla.merging.task_vectors import TaskVectors, names_of, order_free_sum, stack
 
 EXACT = 1e-12
 """Cut-off of the least interference: singular values below it are rounding errors of float64."""
-
-
-def _matrices(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
-    """Weight name to the experts' deltas as matrices, shape (experts, outputs, inputs), for all that are matrices."""
-    stacks = {name: stack(task_vectors, name) for name in names_of(task_vectors)}
-    return {name: deltas.flatten(2) for name, deltas in stacks.items() if deltas.ndim > 2 and deltas.numel()}
 
 
 def _merged_by(task_vectors: TaskVectors, operator: Callable[[torch.Tensor], torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -77,51 +70,16 @@ def knots(task_vectors: TaskVectors, *, cutoff: float = 1e-4) -> dict[str, torch
 
     `cutoff`, at least 0, is the largest singular value (absolute) that is left out.
     """
-    return _knots(task_vectors, cutoff, lambda parts: {name: order_free_sum(part) for name, part in parts.items()})
-
-
-def knots_ties(
-    task_vectors: TaskVectors, *, cutoff: float = 1e-4, trim: float = PUBLISHED_TRIM
-) -> dict[str, torch.Tensor]:
-    """Merge by published TIES in the space that the experts share (KnOTS-TIES, arXiv 2410.19735).
-
-    As `knots`, but what is merged are the S V_m^T of all matrices together, by `ties_published`. The paper then scales
-    the result by a value that it searches for: see `Recipe.alpha`.
-
-    `cutoff` as for `knots`; `trim`, in [0, 1), is the share of each expert's entries that is set to zero.
-    """
-    check_range("trim", trim, 0, 1, closed="[)")
-
-    def merge(parts: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        count = len(task_vectors)
-        cut = [trimmed({name: part[expert] for name, part in parts.items()}, trim) for expert in range(count)]
-        return elect({name: torch.stack([vector[name] for vector in cut]) for name in parts}, average=True)
-
-    return _knots(task_vectors, cutoff, merge)
-
-
-def _knots(
-    task_vectors: TaskVectors,
-    cutoff: float,
-    merge: Callable[[dict[str, torch.Tensor]], dict[str, torch.Tensor]],
-) -> dict[str, torch.Tensor]:
-    """Merge S V_m^T of each matrix, shape (experts, r, inputs), and multiply U back."""
     check_range("cutoff", cutoff, 0, float("inf"), closed="[)")
-    bases, parts = {}, {}
-    for name, deltas in _matrices(task_vectors).items():
-        experts, outputs, inputs = deltas.shape
-        joint = deltas.to(torch.float64).transpose(0, 1).reshape(outputs, experts * inputs)
-        u, s, vh = torch.linalg.svd(joint, full_matrices=False)
-        kept = s > cutoff
-        bases[name] = u[:, kept]
-        parts[name] = (s[kept, None] * vh[kept]).reshape(-1, experts, inputs).transpose(0, 1)
-    aligned = merge(parts)
-    merged = {}
-    for name in names_of(task_vectors):
-        deltas = stack(task_vectors, name)
-        whole = bases[name] @ aligned[name] if name in bases else order_free_sum(deltas)
-        merged[name] = whole.float().reshape(deltas.shape[1:])
-    return merged
+    return _merged_by(task_vectors, lambda deltas: _knots(deltas, cutoff))
+
+
+def _knots(deltas: torch.Tensor, cutoff: float) -> torch.Tensor:
+    experts, outputs, inputs = deltas.shape
+    joint = deltas.to(torch.float64).transpose(0, 1).reshape(outputs, experts * inputs)
+    u, s, vh = torch.linalg.svd(joint, full_matrices=False)
+    kept = s > cutoff
+    return u[:, kept] @ order_free_sum((s[kept, None] * vh[kept]).reshape(-1, experts, inputs).transpose(0, 1))
 
 
 def wudi(task_vectors: TaskVectors, *, cutoff: float = 1e-2) -> dict[str, torch.Tensor]:
@@ -142,50 +100,6 @@ def _wudi(deltas: torch.Tensor, cutoff: float) -> torch.Tensor:
     start = order_free_sum(deltas)
     gradient, gram = _interference_gradient(start, deltas)
     return start - gradient @ torch.linalg.pinv(gram, rtol=max(cutoff, EXACT), hermitian=True)
-
-
-def wudi_adam(task_vectors: TaskVectors, *, steps: int = 300, learning_rate: float = 1e-5) -> dict[str, torch.Tensor]:
-    """Descend the interference that `wudi` minimises by Adam from the sum, as published (arXiv 2503.08099).
-
-    The published rate suits deltas of large networks: how far it came is `interference_reduction`. `steps`, at least 0,
-    and `learning_rate`, greater than 0, are Adam's.
-    """
-    check_range("steps", steps, 0, float("inf"), closed="[)", whole=True)
-    check_range("learning_rate", learning_rate, 0, float("inf"))
-    return _merged_by(task_vectors, lambda deltas: _wudi_adam(deltas, steps, learning_rate))
-
-
-def _wudi_adam(deltas: torch.Tensor, steps: int, learning_rate: float) -> torch.Tensor:
-    start = order_free_sum(deltas)
-    # The gradient is affine in the displacement from the start. In this form it is exactly zero for a single expert;
-    # in any other, Adam would follow rounding errors, since it ignores their size.
-    gradient, gram = (tensor.float() for tensor in _interference_gradient(start, deltas))
-    moved = torch.nn.Parameter(torch.zeros_like(gradient))
-    adam = torch.optim.Adam([moved], lr=learning_rate)
-    for _ in range(steps):
-        moved.grad = 2 * (gradient + moved.detach() @ gram)
-        adam.step()
-    return start + moved.detach()
-
-
-def interference_reduction(task_vectors: TaskVectors, merged: TaskVector) -> float:
-    """How far a merge lowers the interference with the experts: 0 for their sum, 1 for the least that is possible.
-
-    Over all matrices together, see `wudi`. Negative if the interference is greater than that of the sum; 1 if the sum
-    has the least already.
-    """
-    at_sum = at_merged = least = 0.0
-    for name, deltas in _matrices(task_vectors).items():
-        start = order_free_sum(deltas)
-        at_sum += _interference(start, deltas)
-        at_merged += _interference(merged[name].to(torch.float64).flatten(1), deltas)
-        least += _interference(_wudi(deltas, EXACT), deltas)
-    return (at_sum - at_merged) / (at_sum - least) if at_sum > least else 1.0
-
-
-def _interference(delta: torch.Tensor, deltas: torch.Tensor) -> float:
-    """sum_m ||(delta - tau_m) tau_m^T||_F^2 / ||tau_m||_F^2, in float64."""
-    return sum(((delta - own) @ unit.T).square().sum().item() for own, unit in _with_directions(deltas))
 
 
 def _interference_gradient(start: torch.Tensor, deltas: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
