@@ -30,7 +30,7 @@ def measure() -> list[dict[str, object]]:
         start = time.perf_counter()
         episodes = _fill(run)
         filled = time.perf_counter() - start
-        done = subprocess.run([sys.executable, "-c", CODE, str(run)], check=True, capture_output=True, text=True)
+        done = subprocess.run([sys.executable, "-c", CODE, str(run)], check=True, stdout=subprocess.PIPE, text=True)
         seconds, memory = map(float, done.stdout.split())
     rows: list[dict[str, object]] = [{"episodes": episodes, "store_s": filled, "report_s": seconds, "memory": memory}]
     columns = {"episodes": "{episodes:,}", "storing them, s": "{store_s:.0f}", "their report, s": "{report_s:.0f}"}

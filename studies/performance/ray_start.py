@@ -37,7 +37,7 @@ def measure() -> list[dict[str, object]]:
     starts: list[dict[str, float]] = []
     for _ in range(few(TIMES)):
         command = [sys.executable, "-c", CODE]
-        done = subprocess.run(command, env=environment_of(ROOT), capture_output=True, text=True, check=True)
+        done = subprocess.run(command, env=environment_of(ROOT), stdout=subprocess.PIPE, text=True, check=True)
         starts.append(json.loads(done.stdout.splitlines()[-1]))
     rows: list[dict[str, object]] = [{name: median(one[name] for one in starts) for name in starts[0]}]
     columns = {"processes": "{parts:.0f}", "processor time, s": "{spent:.2f}"}

@@ -36,9 +36,9 @@ def measure() -> list[dict[str, object]]:
     print(f"on a real Ray: {1e6 * event_s:.0f} us to send a lease and handle its event,")
     print(f"{1e3 * wait_s:.1f} ms to find which of {PENDING} workers have an event")
     rows: list[dict[str, object]] = []
-    for episodes, workers in ((few(episodes, CELLS), few(workers)) for episodes, workers in SIZES):
+    for episodes, workers in ((CELLS * few(episodes // CELLS), few(workers)) for episodes, workers in SIZES):
         command = [sys.executable, "-c", CODE, str(episodes), str(workers), str(event_s), str(wait_s / PENDING)]
-        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
         line = next(line for line in done.stdout.splitlines() if line.startswith("result:"))
         rows.append({"event_ms": 1e3 * event_s, "wait_ms": 1e3 * wait_s, **json.loads(line.removeprefix("result:"))})
     columns = {"episodes": "{episodes:,}", "workers": "{workers:,}", "simulated time, s": "{makespan_s:,.0f}"}
