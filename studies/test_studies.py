@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from studies.hundredth import SCRIPTS
 from studies.percent import LACKING
 from studies.tables import BLOCK, NAMES, ROOT, STUDIES, readme, with_tables
 from tests.test_scripts import commands_of, parsed
@@ -43,6 +44,10 @@ def test_a_suite_that_libero_lacks_is_refused_first(tmp_path):
         commands_of(STUDIES / "libero/libero.sh", tmp_path, "goal", "gaol")
     assert refused.value.stderr == "SUITE: expected spatial, object, goal or 10, got 'gaol'\n"
     assert not (tmp_path / "commands").exists()
+
+
+def test_a_hundredth_of_every_training_script_is_run_each_night():
+    assert SCRIPTS.keys() == {str(path.relative_to(STUDIES)) for path in STUDIES.glob("*/*.sh")}
 
 
 def ended(*words, **variables):
