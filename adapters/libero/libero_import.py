@@ -82,7 +82,7 @@ def import_libero() -> Libero:
         raise SimulatorUnavailable("no module named 'libero': robogauntlet env create libero")
     check_versions(version("robosuite"), version("mujoco"))
     assets = find_assets()
-    PATHS.update(bddl_files=str(folder / "bddl_files"), assets=str(assets.folder))
+    PATHS.update(bddl_files=f"{folder}/bddl_files", init_states=f"{folder}/init_files", assets=str(assets.folder))
     with silenced():
         mujoco, libero = import_with_mujoco("libero", "libero.libero")
         libero.get_libero_path = PATHS.__getitem__

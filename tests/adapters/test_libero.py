@@ -7,6 +7,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
+import anyio
 import numpy as np
 import pytest
 
@@ -297,3 +298,22 @@ def test_every_task_of_liberopro_opens_and_starts_anew_without_its_goal(task):
             hashes.append(simulation.state_hash())
             assert not simulation.step(STILL).success
         assert hashes[0] == hashes[2] != hashes[1]
+
+
+@pytest.mark.nightly
+def test_vla_evals_own_class_goes_through_the_same_states_and_tells_the_names_of_files(floor):
+    from vla_eval.benchmarks.libero.benchmark import LIBEROBenchmark
+    from vla_eval.benchmarks.libero_pro.benchmark import LIBEROProBenchmark
+
+    theirs = LIBEROBenchmark("libero_object", env_seed=SEED)
+    anyio.run(theirs.start_episode, theirs.get_tasks()[0] | {"episode_idx": SEED})
+    floor.reset(SEED)
+    data = theirs._env.sim.data
+    for action in np.random.default_rng(1).uniform(-1.0, 1.0, (8, 7)):
+        theirs.step({"actions": action})
+        floor._step(action)
+        states = [np.concatenate([one.qpos, one.qvel]) for one in (data, floor._data)]
+        assert np.array_equal(*states)
+    theirs.cleanup()
+    told = LIBEROProBenchmark("libero_goal", "task").get_tasks()[7]["name"]
+    assert told == SIMULATOR.tasks["pro-task-goal-7-turn-on-stove"].published_instruction
