@@ -81,7 +81,7 @@ def stand_in_spec(task: str) -> ActionSpec:
     """Return an action's numbers in `simulator/task`, with bounds of 1, where the task is not open."""
     body = body_of(task)
     joints = tuple(Joint(name, -1.0, 1.0, 1.0) for name in body.joints)
-    return ActionSpec(1.0, 1.0, 1.0, arms=body.arms, joints=joints)
+    return ActionSpec(1.0, 1.0, 1.0, arms=body.arms, joints=joints, velocities=body.velocities)
 
 
 def find(simulator: str) -> Simulator:

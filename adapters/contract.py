@@ -7,8 +7,8 @@ Conventions, the same in every simulator:
   vector in the base frame (rad), gripper (-1 open .. +1 closed).
 - Proprioception, 8 numbers per arm: tool centre point position (m), its axis-angle on the branch around "gripper
   pointing down" (`robogauntlet.adapters.frames.axis_angle`, rad), positions of the two fingers (m).
-- Targets of joints, for arms that cannot follow every motion of a tool. Action: target of each joint (rad), gripper as
-  before. Proprioception: angle of each joint (rad), gripper on the same scale.
+- Joints, of any arm: an action has the target of each joint (rad), or its velocity (rad/s), and the gripper as before.
+  Proprioception: angle of each joint (rad), gripper on the same scale.
 - Two arms: the numbers of the first, then those of the second, each in the frame of its own base. All else, goals and
   behaviour among it, is in the frame of the first arm's base; names of the second arm begin with `second_`.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -27,7 +28,7 @@ from robogauntlet.suites.episode import CAMERAS, View
 
 ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
 PROPRIOCEPTION_NAMES = ("x", "y", "z", "rx", "ry", "rz", "finger_left", "finger_right")
-GRIPPER = "gripper"
+GRIPPER, VELOCITY = "gripper", "_velocity"
 ACTION_DIM, PROPRIOCEPTION_DIM = len(ACTION_NAMES), len(PROPRIOCEPTION_NAMES)
 """Of one arm whose tool is moved."""
 ARM_PREFIXES = ("", "second_")
@@ -62,25 +63,43 @@ class NotDelivered(AdapterError):
     """A perturbation did not change what it should, or changed something else."""
 
 
+class Moves(StrEnum):
+    """What the numbers of an action before the gripper's are."""
+
+    TOOL = "motions of the tool"
+    TARGETS = "targets of joints"
+    VELOCITIES = "velocities of joints"
+
+
 @dataclass(frozen=True)
 class Body:
     """What acts, from which the numbers of an action and of proprioception follow."""
 
     arms: int = 1
     joints: tuple[str, ...] = ()
-    """Names of the arm's joints, if an action has their targets; empty if it moves the tool."""
+    """Names of an arm's joints, if an action has their targets or velocities; empty if it moves the tool."""
+    velocities: bool = False
+    """Whether an action has the velocities of `joints`, not their targets."""
 
     def __post_init__(self) -> None:
-        """Check it. Raises ValueError for another number of arms, two arms with joints, or a joint's name."""
-        if self.arms not in ((1,) if self.joints else (1, 2)):
-            raise ValueError(f"arms: expected {'1 with joints' if self.joints else '1 or 2'}, found {self.arms!r}")
+        """Check it. Raises ValueError for another number of arms, a joint's name, or velocities of no joints."""
+        if self.arms not in (1, 2):
+            raise ValueError(f"arms: expected 1 or 2, found {self.arms!r}")
+        if self.velocities and not self.joints:
+            raise ValueError("velocities: expected joints beside it, found none")
         if taken := {name for name in self.joints if name in ACTION_NAMES or self.joints.count(name) > 1}:
             raise ValueError(f"joints: expected a name for each, none of an action of a tool, found {min(taken)!r}")
 
     @property
+    def moves(self) -> Moves:
+        """What the numbers of an action before the gripper's are."""
+        return (Moves.VELOCITIES if self.velocities else Moves.TARGETS) if self.joints else Moves.TOOL
+
+    @property
     def action_names(self) -> tuple[str, ...]:
         """What each number of an action is."""
-        return names_of_arms((*self.joints, GRIPPER) if self.joints else ACTION_NAMES, self.arms)
+        joints = [joint + VELOCITY * self.velocities for joint in self.joints]
+        return names_of_arms((*joints, GRIPPER) if joints else ACTION_NAMES, self.arms)
 
     @property
     def proprioception_names(self) -> tuple[str, ...]:
@@ -100,7 +119,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint whose target an action has."""
+    """A joint whose target or velocity an action has; a velocity moves the target by as much in a control step."""
 
     name: str
     low: float
@@ -124,16 +143,18 @@ class ActionSpec:
     """Those out of `names` that have no effect in this task."""
     arms: int = 1
     joints: tuple[Joint, ...] = ()
-    """Joints of the arm, in order, if an action has their targets; empty if it moves the tool."""
+    """Joints of an arm, in order, if an action has their targets or velocities; empty if it moves the tool."""
+    velocities: bool = False
+    """Whether an action has the velocities of `joints` (rad/s), not their targets (rad)."""
 
     def __post_init__(self) -> None:
-        """Check the number of arms, see `Body`."""
-        Body(self.arms)
+        """Check what acts, see `Body`."""
+        _ = self.body
 
     @property
     def body(self) -> Body:
         """What acts."""
-        return Body(self.arms, tuple(joint.name for joint in self.joints))
+        return Body(self.arms, tuple(joint.name for joint in self.joints), self.velocities)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,18 +164,34 @@ class ActionSpec:
     @property
     def low(self) -> FloatArray:
         """Lower bounds, shape (numbers of an action,)."""
-        return np.array([*(joint.low for joint in self.joints), -1.0]) if self.joints else -self.high
+        if self.body.moves is not Moves.TARGETS:
+            return -self.high
+        return np.array([*(joint.low for joint in self.joints), -1.0] * self.arms)
 
     @property
     def high(self) -> FloatArray:
         """Upper bounds, shape (numbers of an action,)."""
         one = [self.max_translation] * 3 + [self.max_rotation] * 3
-        return np.array([*([joint.high for joint in self.joints] or one), 1.0] * self.arms)
+        if self.joints:
+            one = [joint.step * self.control_hz if self.velocities else joint.high for joint in self.joints]
+        return np.array([*one, 1.0] * self.arms)
 
     @property
     def steps(self) -> FloatArray:
-        """Largest change of each number in a control step (m, rad), shape as `high`; grippers are not limited."""
-        return np.array([*(joint.step for joint in self.joints), 2.0]) if self.joints else self.high
+        """Largest motion of each number in a control step, shape as `high`: that, or of targets their change (rad)."""
+        if self.body.moves is not Moves.TARGETS:
+            return self.high
+        return np.array([*(joint.step for joint in self.joints), 2.0] * self.arms)
+
+    @property
+    def per_radian(self) -> float:
+        """By how much the number of a joint grows for each radian that its target goes further in a control step."""
+        return self.control_hz if self.velocities else 1.0
+
+    def joints_of(self, arm: int) -> slice:
+        """Return where an action has the joints of an arm, 0 or 1."""
+        first = arm * (len(self.joints) + 1)
+        return slice(first, first + len(self.joints))
 
     @property
     def ignored_indices(self) -> list[int]:
@@ -192,7 +229,7 @@ class Observation:
     instruction: str
     """The goal in words."""
     of_joints: bool = False
-    """Whether proprioception has the positions of joints, and an action their targets."""
+    """Whether proprioception has the positions of joints, and an action their targets or velocities."""
     hand_quaternion: FloatArray | None = None
     """The hand's orientation in the world, xyzw, shape (4,), with the sign of the engine, which a benchmark's own
     proprioception may depend on; None where no benchmark's does."""
@@ -263,8 +300,8 @@ class Simulation(Protocol):
         `second_tcp_position` and so on in its own base's frame, and its base, `second_base_position` and
         `second_base_quaternion`, in the first's. Objects follow as `<name>_position` and `<name>_quaternion`, goals as
         `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is how far they slid (m). Where
-        actions are targets of joints, there are `joint_angles` (n,) and `gripper` (1,) as in proprioception, the
-        present `joint_targets` (n,) (rad), and `tcp_jacobian` (6, n): the tool's motion (m, rad) per radian.
+        actions are of joints, each arm has `joint_angles` (n,) and `gripper` (1,) as in proprioception, its present
+        `joint_targets` (n,) (rad), and `tcp_jacobian` (6, n): the tool's motion (m, rad) per radian.
         """
 
     def state_hash(self) -> str:
@@ -311,20 +348,22 @@ class TaskDescription:
     arms: int = 1
     """Arms that act in it, 1 or 2."""
     joints: tuple[str, ...] = ()
-    """Names of the arm's joints, if an action has their targets; empty if it moves the tool."""
+    """Names of an arm's joints, if an action has their targets or velocities; empty if it moves the tool."""
+    velocities: bool = False
+    """Whether an action has the velocities of `joints`, not their targets."""
     variant_of: str = ""
     """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
     start_states: int | None = None
     """Number of stored states in which it can start, which suites play once each; None if every seed has its own."""
 
     def __post_init__(self) -> None:
-        """Check the number of arms, see `Body`."""
-        Body(self.arms)
+        """Check what acts, see `Body`."""
+        _ = self.body
 
     @property
     def body(self) -> Body:
         """What acts."""
-        return Body(self.arms, self.joints)
+        return Body(self.arms, self.joints, self.velocities)
 
 
 @dataclass(frozen=True)

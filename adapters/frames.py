@@ -52,13 +52,13 @@ def proprioception(state: Mapping[str, FloatArray], *, of_joints: bool = False) 
     """Return an observation's proprioception from a privileged state.
 
     Of each arm tool position, axis-angle and fingers, shape (8 * arms,); or the angles of n joints and the gripper,
-    shape (n + 1,).
+    shape ((n + 1) * arms,).
     """
-    if of_joints:
-        return np.concatenate([state["joint_angles"], state["gripper"]])
     parts = []
     for arm in ARM_PREFIXES:
-        if f"{arm}tcp_position" in state:
+        if of_joints and f"{arm}joint_angles" in state:
+            parts += [state[f"{arm}joint_angles"], state[f"{arm}gripper"]]
+        elif not of_joints and f"{arm}tcp_position" in state:
             position, quaternion = state[f"{arm}tcp_position"], state[f"{arm}tcp_quaternion"]
             parts += [position, axis_angle(quaternion), state[f"{arm}finger_positions"]]
     return np.concatenate(parts)

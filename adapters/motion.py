@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from robogauntlet.adapters.contract import GRIPPER, AdapterError, FloatArray, Motion, Simulation
+from robogauntlet.adapters.contract import ARM_PREFIXES, GRIPPER, AdapterError, FloatArray, Motion, Moves, Simulation
 
 
 @runtime_checkable
@@ -21,9 +21,13 @@ class MeasuresMotion(Protocol):
 def standing_still(simulation: Simulation) -> FloatArray:
     """Return an action that keeps the arms where they are, with open grippers, of the shape of `action_spec`."""
     spec = simulation.action_spec
-    if spec.joints:
-        return np.append(simulation.privileged_state()["joint_targets"], -1.0)
-    return np.array([-1.0 if name.endswith(GRIPPER) else 0.0 for name in spec.names])
+    still = np.array([-1.0 if name.endswith(GRIPPER) else 0.0 for name in spec.names])
+    if spec.body.moves is Moves.TARGETS:
+        state = simulation.privileged_state()
+        for number, arm in enumerate(ARM_PREFIXES[: spec.arms]):
+            still[spec.joints_of(number)] = state[f"{arm}joint_targets"]
+    still[spec.ignored_indices] = 0.0
+    return still
 
 
 def motion_reader(simulation: Simulation) -> Callable[[Sequence[str]], Motion]:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from robogauntlet.adapters.catalog import body_of, original
-from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
+from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Moves, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import UserError, first_line
 from robogauntlet.support.text import first_of
@@ -71,10 +71,13 @@ class PolicySpec:
     """Tasks (`simulator/task`) in which it can act, or None for all."""
     variants: bool = False
     """Whether it can act in variants of these tasks too."""
+    moves: Moves | None = None
+    """What the numbers of an action before the gripper's are, or None for what they are in the task."""
 
     def can_act_in(self, task: str) -> bool:
         """Return whether it can act in `simulator/task`."""
-        if self.action_dim not in (None, body_of(task).action_dim):
+        body = body_of(task)
+        if self.action_dim not in (None, body.action_dim) or self.moves not in (None, body.moves):
             return False
         return self.tasks is None or task in self.tasks or (self.variants and original(task) in self.tasks)
 
@@ -245,9 +248,12 @@ def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:
         PolicyMismatch: It cannot; the message names the tasks in which it can, or the numbers that one accepts.
     """
     for task in tasks:
-        numbers = body_of(task).action_dim
-        if spec.action_dim not in (None, numbers):
-            raise PolicyMismatch(f"{task} accepts {numbers} numbers per action, the policy produces {spec.action_dim}")
+        body = body_of(task)
+        if spec.action_dim not in (None, body.action_dim):
+            numbers = f"{body.action_dim} numbers per action"
+            raise PolicyMismatch(f"{task} accepts {numbers}, the policy produces {spec.action_dim}")
+        if spec.moves not in (None, body.moves):
+            raise PolicyMismatch(f"{task} accepts {body.moves}, the policy produces {spec.moves}")
     if beyond := [task for task in tasks if not spec.can_act_in(task)]:
         able = first_of(sorted(spec.tasks or ()), SHOWN_TASKS)
         raise PolicyMismatch(f"it cannot act in {first_of(beyond, SHOWN_TASKS)}; it can in {able}")
@@ -263,6 +269,8 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
         raise PolicyMismatch(
             f"the simulation accepts {len(action_spec.high)} numbers per action, the policy produces {spec.action_dim}"
         )
+    if spec.moves not in (None, action_spec.body.moves):
+        raise PolicyMismatch(f"the simulation accepts {action_spec.body.moves}, the policy produces {spec.moves}")
     if spec.sees is PolicyInput.OBSERVATION:
         missing = [camera for camera in spec.cameras if camera not in observation_spec.cameras]
         if missing:

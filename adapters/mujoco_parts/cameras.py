@@ -25,6 +25,10 @@ class MujocoCameras:
         self._moved: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
         """Original position, quaternion and field of view of each camera that was moved."""
 
+    def keep(self) -> None:
+        """Take the present viewpoints as those that `undo` restores."""
+        self._moved.clear()
+
     def undo(self) -> None:
         """Restore every viewpoint."""
         for camera, own in self._moved.items():

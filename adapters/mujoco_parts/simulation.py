@@ -6,7 +6,7 @@ import importlib
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -30,6 +30,25 @@ from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, engine_time, import_mujoco, no_rendering
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
+
+
+class ArmJoints(Protocol):
+    """The joints of arms, for those whose actions are of joints."""
+
+    qvel_index: Any
+    """Their degrees of freedom, those of two arms in order."""
+
+    def angles(self, arm: int) -> FloatArray:
+        """Return the angles of an arm's joints (n,), rad."""
+
+    def targets(self, arm: int) -> FloatArray:
+        """Return their present targets (n,), rad."""
+
+    def gripper(self, arm: int) -> FloatArray:
+        """Return how far its gripper is closed (1,), from -1 (open) to 1."""
+
+    def state(self) -> dict[str, FloatArray]:
+        """Return what the next steps depend on besides MuJoCo's positions and velocities, for the state's hash."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +84,8 @@ class MujocoSimulation(BaseSimulation):
     _lights: MujocoLights
     _table: MujocoTable | None
 
+    _joints: ArmJoints | None = None
+    """The joints, if actions are of them."""
     _env: Any = None
     """robosuite's environment, if the task is one of its."""
 
@@ -107,15 +128,10 @@ class MujocoSimulation(BaseSimulation):
         self._places, self._angles = {"tcp": self._arms[0].tool_centre, **places}, angles
 
     def state_hash(self) -> str:
-        """Hash joint positions and velocities, and the poses of fixed bodies."""
-        return hash_state(
-            {
-                "qpos": self._data.qpos,
-                "qvel": self._data.qvel,
-                "body_pos": self._model.body_pos,
-                "body_quat": self._model.body_quat,
-            }
-        )
+        """Hash joint positions and velocities, the poses of fixed bodies, and the targets of joints."""
+        state = {"qpos": self._data.qpos, "qvel": self._data.qvel}
+        state |= {"body_pos": self._model.body_pos, "body_quat": self._model.body_quat}
+        return hash_state(state | (self._joints.state() if self._joints else {}))
 
     def render_device(self) -> str:
         """Return OpenGL's name of the renderer."""
@@ -161,7 +177,23 @@ class MujocoSimulation(BaseSimulation):
     def arm_state(self) -> dict[str, FloatArray]:
         """Bring poses up to date, and return the entries that every `privileged_state` has."""
         self._refresh()
-        return {name: value for arm in self._arms for name, value in arm.state().items()}
+        state = {name: value for arm in self._arms for name, value in arm.state().items()}
+        if self._joints is not None:
+            for number, arm in enumerate(self._arms):
+                state |= self._of_joints(self._joints, number, arm)
+        return state
+
+    def _of_joints(self, joints: ArmJoints, number: int, arm: _Arm) -> dict[str, FloatArray]:
+        """Return what `privileged_state` has of an arm whose actions are of joints."""
+        parts = np.zeros((2, 3, self._model.nv))
+        self._mujoco.mj_jacSite(self._model, self._data, *parts, arm.tool_centre.id)
+        turn, dofs = arm.physics.rotation.inv().as_matrix(), np.split(joints.qvel_index, len(self._arms))[number]
+        return {
+            f"{arm.prefix}joint_angles": joints.angles(number),
+            f"{arm.prefix}joint_targets": joints.targets(number),
+            f"{arm.prefix}gripper": joints.gripper(number),
+            f"{arm.prefix}tcp_jacobian": np.concatenate([turn @ part[:, dofs] for part in parts]),
+        }
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return the tool, these positions and joint values, contacts and joint limits."""

@@ -13,6 +13,7 @@ Particular to this adapter:
   `BUILD_SEED`; robosuite's `hard_reset` would draw them in each episode, at a second or more per reset.
 - Control steps of one arm are run by `mujoco_parts.control`, equal to robosuite's own to the bit, those of two arms by
   robosuite.
+- With actions of joints, steps are those of `mujoco_parts.joint_control`.
 - `fast` omits shadows, reflections and multisampling, and takes a third to a quarter of the time. `fast-2` also
   simplifies the robot's meshes, which halves that.
 """
@@ -25,25 +26,29 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, StepOutcome
+from robogauntlet.adapters.contract import GRIPPER, ActionSpec, FloatArray, Moves, StepOutcome
+from robogauntlet.adapters.motion import standing_still
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.control import ControlLoop, Version
 from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.fingers import Pads
+from robogauntlet.adapters.mujoco_parts.joint_control import JointControl, joints_of
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco, model_of
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.package_files import files_of
-from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, TWO_PANDAS, split_arm
+from robogauntlet.adapters.robosuite import droid
+from robogauntlet.adapters.robosuite.arms import ARMS, DROID, MOVED_BY_JOINTS, PANDA, TWO_PANDAS, split_arm
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
 from robogauntlet.adapters.robosuite.tasks import PARTS, TASKS
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import RenderProfile, View
 
-CONTROL_HZ = 20.0
+CONTROL_HZ, JOINT_CONTROL_HZ = 20.0, 15.0
+"""Control steps per second; by joints as many as on DROID's arm."""
 BUILD_SEED = 0
 """Seed with which robosuite builds a model."""
 
@@ -58,6 +63,9 @@ LIFTED = 0.04
 class RobosuiteSimulation(MujocoSimulation):
     """One task of robosuite, see `robogauntlet.adapters.contract.Simulation`."""
 
+    _joints: JointControl | None = None
+    _control: Any
+
     def __init__(self, task: str, view: View) -> None:
         """Build the model, a renderer for `view`, and take one step, on which numba compiles the controller.
 
@@ -65,16 +73,17 @@ class RobosuiteSimulation(MujocoSimulation):
             SimulatorUnavailable: robosuite, a file of it or MuJoCo is missing, or this machine cannot render.
         """
         mujoco, robosuite = import_with_mujoco("robosuite", "robosuite")
-        name, arm = split_arm(task)
-        arms = TASKS[task].arms
-        if arm == TWO_PANDAS:
-            arm = PANDA
+        name, robot_name, moves = split_arm(task)
+        arms, by_joints = TASKS[task].arms, moves is not Moves.TOOL
+        arm = MOVED_BY_JOINTS[robot_name] if by_joints else ARMS[PANDA if robot_name == TWO_PANDAS else robot_name]
+        kind = PANDA if robot_name == TWO_PANDAS else arm.robot or robot_name
+        hz = JOINT_CONTROL_HZ if by_joints else CONTROL_HZ
         with files_of("robosuite"):
             env = robosuite.make(
                 name,
-                robots=[arm] * arms,
-                gripper_types=ARMS[arm].gripper,
-                control_freq=CONTROL_HZ,
+                robots=[kind] * arms,
+                gripper_types=arm.gripper,
+                control_freq=hz,
                 ignore_done=True,
                 hard_reset=False,
                 has_renderer=False,
@@ -88,7 +97,10 @@ class RobosuiteSimulation(MujocoSimulation):
         controller = robot.part_controllers["right"]
         share = float(np.sqrt(controller.kp[0])) / 2.0 / CONTROL_HZ  # Of an offset, see the module's docstring.
         translation, rotation = (share * float(controller.output_max[i]) for i in (0, 3))
-        spec = ActionSpec(translation, rotation, CONTROL_HZ, arms=arms)
+        spec = ActionSpec(translation, rotation, hz, arms=arms)
+        if by_joints:
+            joints = joints_of(robot, env.sim.model._model)
+            spec = ActionSpec(0.0, 0.0, hz, arms=arms, joints=joints, velocities=moves is Moves.VELOCITIES)
         super().__init__(mujoco, *model_of(env), view, TASKS[task].instruction, spec)
         self._env = env
         if view.render_profile is RenderProfile.FAST_2:
@@ -99,7 +111,7 @@ class RobosuiteSimulation(MujocoSimulation):
         ]
         for one, tool in zip(env.robots, tools, strict=True):
             gripper = one.gripper["right"]
-            self._take_arm(one.robot_model.root_body, *tool, gripper.joints, ARMS[arm].fingertips(gripper))
+            self._take_arm(one.robot_model.root_body, *tool, gripper.joints, arm.fingertips(gripper))
         places = {name: self._data.body(body) for name, body in self._parts.bodies.items()}
         places |= {name: self._data.body(body) for name, body in self._parts.marks.items()}
         places |= {name: self._data.site(site) for name, site in self._parts.sites.items()}
@@ -112,22 +124,29 @@ class RobosuiteSimulation(MujocoSimulation):
         sampler, attached = self._env.placement_initializer, self._parts.placed
         self._lights = MujocoLights(self._physics)
         self._table = None if "table" in TASKS[task].fixed else MujocoTable(self._physics, self._scene.renderers)
+        cameras = MujocoCameras(self._physics)
+        if robot_name == DROID:
+            droid.set_up(robot, self._model, cameras)
         self.scene_controls = SceneControls(
-            cameras=MujocoCameras(self._physics),
+            cameras=cameras,
             lights=self._lights,
             objects=RobosuiteObjects(self._physics, objects, attached, sampler) if objects else None,
-            arm=MujocoArm(self._physics, lambda: robot.part_controllers["right"], tools[0]) if arms == 1 else None,
+            arm=MujocoArm(self._physics, self._controller, tools[0]) if arms == 1 else None,
             dynamics=MujocoDynamics(self._physics, (objects or self._parts.bodies).values()),
             table=self._table,
         )
-        fix_frame(self._model, f"{controller.naming_prefix}{controller.part_name}_center", robot.robot_model.root_body)
-        self._control = control_loop(self._physics, env) if arms == 1 else env
-        self._control.step(np.zeros(env.action_dim))
+        if by_joints:
+            self._control = self._joints = JointControl(self._physics, env.robots, spec)
+        else:
+            base = robot.robot_model.root_body
+            fix_frame(self._model, f"{controller.naming_prefix}{controller.part_name}_center", base)
+            self._control = control_loop(self._physics, env) if arms == 1 else env
+            self._control.step(np.zeros(env.action_dim))
         self.reset(BUILD_SEED)
-        if arm != PANDA:
+        if kind != PANDA and not by_joints:
             self.action_spec = ActionSpec(*self._measured_bounds(controller.output_max), CONTROL_HZ)
-        if isinstance(fingers := self._arms[0].fingers, Pads):
-            self._close_gripper(fingers)
+        if self._joints or isinstance(self._arms[0].fingers, Pads):
+            self._measure_grippers()
         self.reset(BUILD_SEED)
         self._check_rendering()
 
@@ -143,15 +162,21 @@ class RobosuiteSimulation(MujocoSimulation):
                     thing.rng = generator
         self._env.reset()
         self._physics.settle()
+        if self._joints:
+            self._joints.begin()
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step (25 physics steps). Never renders."""
         spec = self.action_spec
-        command = np.clip(action, spec.low, spec.high) / spec.high
-        self._control.step(command)
+        command = np.clip(action, spec.low, spec.high)
+        self._control.step(command if self._joints else command / spec.high)
         reward = self._reward()
         # The sparse reward is 1 where the task's predicate holds, else the share of objects that are in their places.
         return StepOutcome(reward=reward, success=reward >= 1.0)
+
+    def _controller(self) -> Any:
+        """Return the controller of the arm: that of joints, or robosuite's, of which each reset creates one."""
+        return self._joints or self._env.robots[0].part_controllers["right"]
 
     def _measured_bounds(self, largest: FloatArray) -> tuple[float, float]:
         """Return the largest translation (m) and rotation (rad) of a step in steady motion, by those of the goal.
@@ -178,13 +203,21 @@ class RobosuiteSimulation(MujocoSimulation):
         state = self.arm_state()
         return state["tcp_position"], Rotation.from_quat(state["tcp_quaternion"])
 
-    def _close_gripper(self, pads: Pads) -> None:
-        """Measure the gap of the closed and empty gripper, rounded so that processors agree."""
-        self.reset(BUILD_SEED)
-        for _ in range(CLOSING_STEPS):
-            self._control.step(np.array([0.0] * 6 + [1.0]))
+    def _measure_grippers(self) -> None:
+        """Measure empty grippers when closed, by joints also when open, rounded so that processors agree."""
+        for end, command in enumerate((-1.0, 1.0)):
+            if command < 0.0 and not self._joints:
+                continue
+            self.reset(BUILD_SEED)
+            action = standing_still(self)
+            action[[place for place, name in enumerate(self.action_spec.names) if name.endswith(GRIPPER)]] = command
+            for _ in range(CLOSING_STEPS):
+                self.step(action)
+            if self._joints:
+                self._joints.take_gripper_ends(end)
         self._refresh()
-        pads.closed = round(pads.gap(), 4)
+        if isinstance(fingers := self._arms[0].fingers, Pads):
+            fingers.closed = round(fingers.gap(), 4)
 
     def _reward(self) -> float:
         """Return robosuite's reward; in most steps without the contacts, which it looks up by name."""

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from robogauntlet.adapters.contract import Goal, TaskDescription
-from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, TWO_PANDAS, name_with
+from robogauntlet.adapters.contract import Goal, Moves, TaskDescription
+from robogauntlet.adapters.robosuite.arms import (
+    ARMS,
+    BY_JOINTS,
+    DROID,
+    MOVED_BY_JOINTS,
+    PANDA,
+    TWO_PANDAS,
+    name_with,
+)
 
 GOODS = {"Can": "red can", "Milk": "milk carton", "Bread": "bread", "Cereal": "cereal box"}
 NUTS = {"Square": "peg1", "Round": "peg2"}
@@ -49,6 +57,8 @@ WITH_PANDA = {
     "PickPlace": TaskDescription("put all four objects into their compartments of the bin", 1000, fixed=_IN_BINS),
     "NutAssembly": TaskDescription("put both nuts on their pegs", 600, fixed=_AT_PEGS),
 }
+HORIZONS_BY_JOINTS = {"Lift": 120, "Stack": 240, "TwoArmLift": 160}
+"""Control steps of the tasks that are played by joints."""
 TASKS = {name: replace(description, robot=PANDA) for name, description in WITH_PANDA.items()} | {
     name_with(task, arm): replace(
         description, horizon=3 * description.horizon // 2, robot=arm
@@ -76,6 +86,20 @@ TASKS[name_with("TwoArmHandover", TWO_PANDAS)] = TaskDescription(
     robot=TWO_PANDAS,
     arms=2,
 )
+BY_JOINT_CONTROL = {DROID: ("Lift", "Stack"), "UR5e": ("Lift", "Stack"), TWO_PANDAS: ("TwoArmLift",)}
+"""Arms to the tasks that they play by joints too."""
+TASKS |= {
+    name_with(task, robot := f"{arm}{end}"): replace(
+        TASKS[name_with(task, TWO_PANDAS)] if arm == TWO_PANDAS else WITH_ANY_ARM[task],
+        horizon=HORIZONS_BY_JOINTS[task],
+        robot=robot,
+        joints=tuple(f"joint_{number}" for number in range(1, MOVED_BY_JOINTS[arm].joints + 1)),
+        velocities=moves is Moves.VELOCITIES,
+    )
+    for arm, tasks in BY_JOINT_CONTROL.items()
+    for task in tasks
+    for end, moves in BY_JOINTS.items()
+}
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from robogauntlet.adapters.contract import GRIPPER, ActionSpec, FloatArray, Joint, StepOutcome
-from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
@@ -43,8 +43,49 @@ ALONE = 0.05
 """Distance of the tool from a cube that has been released (m)."""
 
 
+class Servos:
+    """The arm's joints, whose servos take targets, and the gripper's, whose command is spread over its range."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        """Take MuJoCo's model and data."""
+        self._data = data
+        self._servos = [model.actuator(name).id for name in JOINTS]
+        self._qpos = [int(model.joint(name).qposadr[0]) for name in JOINTS]
+        self.qvel_index = np.array([int(model.joint(name).dofadr[0]) for name in JOINTS])
+        self._closed, self._open = map(float, model.joint(GRIPPER).range)
+
+    def place(self, angles: FloatArray) -> None:
+        """Bring the joints to angles (5,), and hold them there, with an open gripper."""
+        self._data.qpos[self._qpos] = angles
+        self._data.joint(GRIPPER).qpos[:] = self._open
+        self.command(angles, -1.0)
+
+    def command(self, targets: FloatArray, gripper: float) -> None:
+        """Set the targets (5,), rad, and how far the gripper is to close, from -1 to 1."""
+        self._data.ctrl[self._servos] = targets
+        self._data.actuator(GRIPPER).ctrl[:] = self._open + (gripper + 1.0) / 2.0 * (self._closed - self._open)
+
+    def angles(self, arm: int = 0) -> FloatArray:
+        """See `ArmJoints`."""
+        return np.array(self._data.qpos[self._qpos])
+
+    def targets(self, arm: int = 0) -> FloatArray:
+        """See `ArmJoints`."""
+        return np.array(self._data.ctrl[self._servos])
+
+    def state(self) -> dict[str, FloatArray]:
+        """See `ArmJoints`."""
+        return {"ctrl": self._data.ctrl}
+
+    def gripper(self, arm: int = 0) -> FloatArray:
+        """See `ArmJoints`."""
+        return np.array(2.0 * (self._data.joint(GRIPPER).qpos - self._open) / (self._closed - self._open) - 1.0)
+
+
 class SO101Simulation(MujocoSimulation):
     """One task of the SO-101, see `robogauntlet.adapters.contract.Simulation`."""
+
+    _joints: Servos
 
     def __init__(self, task: str, view: View) -> None:
         """Build the model and a renderer for `view`.
@@ -63,10 +104,7 @@ class SO101Simulation(MujocoSimulation):
             simplify_meshes(mujoco, model)
         self._stacks, self._pushes = (task.startswith(name) for name in ("Stack", "Push"))
         self._cubes = list(layout.cubes)
-        self._closed, self._open = map(float, model.joint(GRIPPER).range)
-        self._joints = [self._data.joint(name) for name in JOINTS]
-        self._servos = [model.actuator(name).id for name in JOINTS]
-        self._dofs = [int(model.joint(name).dofadr[0]) for name in JOINTS]
+        self._joints = Servos(model, self._data)
         self._low, self._high = spec.low[:-1], spec.high[:-1]
         mujoco.mj_forward(model, self._data)
         self._take_arm(BASE, TOOL, HAND, [GRIPPER], pads=((PADS[0],), (PADS[1],)))
@@ -91,11 +129,7 @@ class SO101Simulation(MujocoSimulation):
         generator = np.random.default_rng(seed)
         self._mujoco.mj_resetData(self._model, self._data)
         angles = np.clip(START + generator.normal(0.0, START_NOISE, len(START)), self._low, self._high)
-        for joint, angle in zip(self._joints, angles, strict=True):
-            joint.qpos[:] = angle
-        self._data.joint(GRIPPER).qpos[:] = self._open
-        self._data.ctrl[self._servos] = angles
-        self._data.actuator(GRIPPER).ctrl[:] = self._open
+        self._joints.place(angles)
         self._objects.place(generator)
         self._mujoco.mj_step(self._model, self._data, SETTLING)
         self._physics.settle()
@@ -103,9 +137,8 @@ class SO101Simulation(MujocoSimulation):
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` (6,) for one control step. Never renders. The reward is 1 on success."""
         *wanted, gripper = np.clip(action, self.action_spec.low, self.action_spec.high)
-        present = self._data.ctrl[self._servos]
-        self._data.ctrl[self._servos] = np.clip(wanted, present - STEP, present + STEP)
-        self._data.actuator(GRIPPER).ctrl[:] = self._open + (gripper + 1.0) / 2.0 * (self._closed - self._open)
+        present = self._joints.targets()
+        self._joints.command(np.clip(wanted, present - STEP, present + STEP), gripper)
         self._mujoco.mj_step(self._model, self._data, self._physics_steps)
         success = self._succeeded()
         return StepOutcome(float(success), success)
@@ -123,31 +156,9 @@ class SO101Simulation(MujocoSimulation):
         alone = self._pushes or np.linalg.norm(self._data.site(TOOL).xpos - cube) >= ALONE
         return bool(there and alone)
 
-    def arm_state(self) -> dict[str, FloatArray]:
-        """Return the entries that every `privileged_state` has of an arm with targets of joints, without Jacobian."""
-        state = super().arm_state()
-        closed = (self._data.joint(GRIPPER).qpos - self._open) / (self._closed - self._open)
-        angles = np.array([joint.qpos[0] for joint in self._joints])
-        return state | {"joint_angles": angles, "gripper": 2.0 * closed - 1.0}
-
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return `tcp_*` and so on, then `cube_*` and `goal_position`, or `red_cube_*` and `green_cube_*`."""
-        targets = self._data.ctrl[self._servos].copy()
-        state = self.arm_state() | {"joint_targets": targets, "tcp_jacobian": self._jacobian()}
-        state |= self._poses({name: self._data.body(name) for name in self._cubes})
+        state = self.arm_state() | self._poses({name: self._data.body(name) for name in self._cubes})
         if "goal" in self._places:
             state["goal_position"] = self._physics.from_world(self._places["goal"].xpos)
         return state
-
-    def _jacobian(self) -> FloatArray:
-        """Return the tool's translation and rotation for each radian of a joint, in the base frame, (6, 5)."""
-        parts = np.zeros((2, 3, self._model.nv))
-        self._mujoco.mj_jacSite(self._model, self._data, *parts, self._model.site(TOOL).id)
-        turn = self._physics.rotation.inv().as_matrix()
-        return np.concatenate([turn @ part[:, self._dofs] for part in parts])
-
-    def state_hash(self) -> str:
-        """Hash what the other simulations do, and the targets, from which the next ones are limited."""
-        names = ("qpos", "qvel", "ctrl")
-        state = {name: getattr(self._data, name) for name in names}
-        return hash_state(state | {"body_pos": self._model.body_pos, "body_quat": self._model.body_quat})

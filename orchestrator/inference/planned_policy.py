@@ -72,7 +72,7 @@ class PlannedPolicy:
     def check_answer(self, view: View, task: TaskDescription) -> None:
         """Ask a function once, see `check_first_answer`; nothing of another policy. Raises PolicyError."""
         seen = {"cameras": view.cameras, "image_size": view.image_size, "instruction": task.instruction}
-        request = {**seen, "arms": task.arms, "joints": task.joints}
+        request = {**seen, "body": asdict(task.body)}
         self._ask(request, LIMIT_S + 10.0, "its first answer")  # the process itself says what is late
 
     def close(self) -> None:
@@ -118,7 +118,8 @@ class _Asked:
                 return {"spec": _SPEC.dump_python(spec, mode="json", fallback=str)}  # numbers of numpy as digits
             if isinstance(self.policy, FunctionPolicy | StatefulFunctionPolicy):
                 view = View(tuple(request["cameras"]), request["image_size"])
-                task = TaskDescription(request["instruction"], 1, arms=request["arms"], joints=tuple(request["joints"]))
+                body = {**request["body"], "joints": tuple(request["body"]["joints"])}
+                task = TaskDescription(request["instruction"], 1, **body)
                 check_first_answer(self.name, self.policy.ask, view, task)
             return {"spec": None}
         except PolicyError as error:

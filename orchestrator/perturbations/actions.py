@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, Delivered, FloatArray, Simulation, StepOutcome
+from robogauntlet.adapters.contract import ACTION_DIM, ARM_PREFIXES, Delivered, FloatArray, StepOutcome
+from robogauntlet.adapters.motion import standing_still
 from robogauntlet.orchestrator.perturbations.base import Perturbed, generator_for
-
-OPEN_GRIPPER = -1.0
 
 
 class PerturbedActions(Perturbed):
@@ -36,7 +35,7 @@ class PerturbedActions(Perturbed):
 class ActionNoise(PerturbedActions):
     """Noise in the executed translation, drawn for each arm independently.
 
-    Joints get what moves the tool as far. It does not add up there, since each target stands for itself.
+    Joints get what moves the tool as far. Of targets it does not add up, since each stands for itself.
     """
 
     def reset(self, seed: int) -> None:
@@ -69,14 +68,22 @@ class ActionNoise(PerturbedActions):
 
         The last has shape (n, 3 * arms).
         """
-        spec = self.action_spec
+        spec, low, high = self.action_spec, self.action_spec.low, self.action_spec.high
         if not spec.joints:
             moved = [arm * ACTION_DIM + axis for arm in range(spec.arms) for axis in range(3)]
-            return spec.low, spec.high, moved, np.eye(len(moved))
-        state = self.simulation.privileged_state()
-        present = np.append(state["joint_targets"], 0.0)
-        low, high = np.maximum(spec.low, present - spec.steps), np.minimum(spec.high, present + spec.steps)
-        return low, high, list(range(len(spec.joints))), np.linalg.pinv(state["tcp_jacobian"][:3])
+            return low, high, moved, np.eye(len(moved))
+        state, width = self.simulation.privileged_state(), len(spec.joints)
+        per_metre = np.zeros((width * spec.arms, 3 * spec.arms))
+        steps = np.array([joint.step for joint in spec.joints])
+        for number, arm in enumerate(ARM_PREFIXES[: spec.arms]):
+            own, there = slice(width * number, width * (number + 1)), spec.joints_of(number)
+            per_metre[own, 3 * number : 3 * number + 3] = np.linalg.pinv(state[f"{arm}tcp_jacobian"][:3])
+            if not spec.velocities:
+                present = state[f"{arm}joint_targets"]
+                low[there] = np.maximum(low[there], present - steps)
+                high[there] = np.minimum(high[there], present + steps)
+        moved = [index for number in range(spec.arms) for index in range(len(low))[spec.joints_of(number)]]
+        return low, high, moved, spec.per_radian * per_metre
 
 
 class ActionDelay(PerturbedActions):
@@ -86,7 +93,7 @@ class ActionDelay(PerturbedActions):
         """Start the episode; the robot stays until the first action arrives."""
         super().reset(seed)
         spec = self.action_spec
-        self._delayed = [standstill(self.simulation)] * delay_steps(
+        self._delayed = [standing_still(self.simulation)] * delay_steps(
             self.level, spec.control_hz, least=int(self.severity >= 1)
         )
 
@@ -97,16 +104,6 @@ class ActionDelay(PerturbedActions):
     def delivered(self) -> Delivered:
         """The delay in whole control steps."""
         return Delivered(self._checked(1000 * len(self._delayed) / self.action_spec.control_hz))
-
-
-def standstill(simulation: Simulation) -> FloatArray:
-    """The action with which the robot stays in place, with open grippers."""
-    spec = simulation.action_spec
-    still = np.array([OPEN_GRIPPER if name.endswith(GRIPPER) else 0.0 for name in spec.names])
-    if spec.joints:
-        still[:-1] = simulation.privileged_state()["joint_targets"]
-    still[spec.ignored_indices] = 0.0
-    return still
 
 
 def delay_steps(delay_ms: float, control_hz: float, least: int = 1) -> int:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import AdapterError, Observation, Simulation
+from robogauntlet.adapters.motion import standing_still
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.orchestrator.perturbations.actions import standstill
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation
 from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.suites.axes import AXES, Changes
@@ -61,7 +61,7 @@ def _measure(task: str, conditions: Iterable[Condition]) -> Iterator[float | Non
                 for step in range(STEPS if long else 1):
                     if step % REPLAN_EVERY == 0:
                         one.observe()
-                    one.step(standstill(one))
+                    one.step(standing_still(one))
                 yield one.delivered().value
             except AdapterError:
                 yield None

@@ -77,6 +77,8 @@ class Checkpoint:
         left_out = {"checkpoint", "device", "python", "timeout_s", "variables"}
         if self.options.joints is None:  # Digests from before there were joints stay.
             left_out |= {"joints", "joint_scale"}
+        if self.options.velocity_scale is None:
+            left_out |= {"velocity_scale"}
         conversion = self.options.model_dump(mode="json", exclude=left_out)
         try:
             states = [(path, path.stat()) for path in files(self.folder)]
@@ -222,7 +224,7 @@ def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     cameras = tuple(options.cameras)
     square = size[0] if size and not wanted else None
     action_dim = options.width if options.joints else ACTION_DIM
-    return PolicySpec(PolicyInput.OBSERVATION, execute, action_dim, cameras, square)
+    return PolicySpec(PolicyInput.OBSERVATION, execute, action_dim, cameras, square, moves=options.moves)
 
 
 def _folder(checkpoint: str) -> Path:

@@ -9,10 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.catalog import simulators
-from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.contract import FloatArray, TaskDescription
 from robogauntlet.policies.oracles.motion import (
     CLOSED,
     OPEN,
+    ByJoints,
     Script,
     State,
     distance,
@@ -27,6 +28,8 @@ MAX_STEP, MAX_TURN = 0.0153, 0.153
 """Largest motion in one step (m, rad), the controller's limit."""
 SLOWER_STEP, SLOWER_TURN = 0.0105, 0.085
 """The same for the slowest of the other arms."""
+BY_JOINTS_HZ = 15.0
+"""Control steps per second of the tasks that are played by joints."""
 GAIN = 0.306
 """Share of the remaining distance in one step, the largest that this controller follows without overshoot."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -361,14 +364,18 @@ class Slower:
         return action
 
 
-def _script_of(name: str) -> Callable[[], Script]:
-    task, _, other_arm = name.partition(AT)
-    return partial(Slower, BY_TASK[task]) if other_arm else BY_TASK[task]
+def script_of(name: str, task: TaskDescription, by_task: Mapping[str, Callable[[], Script]]) -> Callable[[], Script]:
+    """Return the script of a task by its name in robosuite, given the Panda's by the names before an `@`."""
+    first, _, other_arm = name.partition(AT)
+    if task.joints:
+        return partial(ByJoints, by_task[first], BY_JOINTS_HZ if task.velocities else None)
+    return partial(Slower, by_task[first]) if other_arm and task.arms == 1 else by_task[first]
 
 
-_SIMULATOR = simulators().get("robosuite")
-SCRIPTS = {
-    f"robosuite/{name}": _script_of(name)
-    for name, task in (_SIMULATOR.tasks.items() if _SIMULATOR else ())
-    if task.arms == 1
-}
+def tasks_of_arms(arms: int) -> Mapping[str, TaskDescription]:
+    """Return robosuite's tasks of this number of arms, by name; none where it is not declared."""
+    simulator = simulators().get("robosuite")
+    return {name: task for name, task in (simulator.tasks.items() if simulator else ()) if task.arms == arms}
+
+
+SCRIPTS = {f"robosuite/{name}": script_of(name, task, BY_TASK) for name, task in tasks_of_arms(1).items()}

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from robogauntlet.adapters.contract import ARM_PREFIXES, FloatArray
 from robogauntlet.policies.oracles.maniskill_motion import CUBE, go_turned, lean_at, leaning
 from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance, pointing_down, yaw_of
-from robogauntlet.policies.oracles.robosuite import UP, go, tool_yaw
+from robogauntlet.policies.oracles.robosuite import UP, go, script_of, tasks_of_arms, tool_yaw
 
 
 class TwoArmLift:
@@ -256,9 +256,10 @@ def seen_by(arm: str, state: State, things: Sequence[str]) -> State:
     return own
 
 
+BY_TASK: Mapping[str, Callable[[], Script]] = {"TwoArmLift": TwoArmLift, "TwoArmHandover": PassHammer}
+"""robosuite's tasks to their scripts."""
 SCRIPTS: Mapping[str, Callable[[], Script]] = {
-    "robosuite/TwoArmLift@TwoPandas": TwoArmLift,
-    "robosuite/TwoArmHandover@TwoPandas": PassHammer,
+    **{f"robosuite/{name}": script_of(name, task, BY_TASK) for name, task in tasks_of_arms(2).items()},
     "maniskill/TwoRobotPickCube-v1@TwoPandas": HandOver,
     "maniskill/TwoRobotStackCube-v1@TwoPandas": StackTogether,
 }

@@ -123,7 +123,7 @@ def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArra
         rows = rows[: convention.execute]
     read = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
     if convention.joints:
-        moved = read[:, :-1] * np.asarray(convention.joint_scale)
+        moved = read[:, :-1] * np.asarray(convention.velocity_scale or convention.joint_scale)
     else:
         rotations = as_axis_angles(convention, read[:, 3:-1])
         moved = np.concatenate([read[:, :3] * convention.translation_scale, rotations], axis=1)

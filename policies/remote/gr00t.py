@@ -61,7 +61,7 @@ class Gr00tPolicy(RemotePolicy):
         """The options with what the server's modalities say."""
         super().__init__(options)
         execute, cameras = options.execute or MAX_ACTIONS, tuple(self._fitted.cameras)
-        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, options.action_dim, cameras)
+        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, options.action_dim, cameras, moves=options.moves)
 
     def images_sent(self, query: Query) -> Mapping[str, Image]:
         """Return the images of a query as the server gets them, by its keys."""

@@ -54,7 +54,9 @@ class OpenpiPolicy(WebsocketPolicy):
         self._finished: list[str] = []
         super().__init__(options)
         execute = options.execute or MAX_ACTIONS
-        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, options.action_dim, tuple(options.cameras))
+        self.spec = PolicySpec(
+            PolicyInput.OBSERVATION, execute, options.action_dim, tuple(options.cameras), moves=options.moves
+        )
         if options.identity is None and self._greeting is not None and options.is_plain:
             self.spec = self._greeting.spec
 

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from robogauntlet.adapters.contract import Moves
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query
 from robogauntlet.policies.remote.connection import error_text
 from robogauntlet.policies.remote.server_options import ServerOptions
@@ -26,9 +27,9 @@ PATH = "/v1/realtime/robot/openpi"
 """The path of vLLM-Omni's endpoint, which takes a seed."""
 UNAVAILABLE = "Robot policy not available"
 SAYS = "as its policy_server_config says"
-JOINT_TARGETS = "joint_position"
-NOT_PLAYED = ("joint_velocity", "cartesian_position", "cartesian_velocity")
-"""Action spaces that are neither displacements of the tool nor targets of joints."""
+OF_JOINTS = {"joint_position": Moves.TARGETS, "joint_velocity": Moves.VELOCITIES}
+NOT_PLAYED = ("cartesian_position", "cartesian_velocity")
+"""Action spaces that are neither motions of the tool nor of joints."""
 
 
 class PolicyServerConfig(BaseModel):
@@ -70,13 +71,13 @@ def check_options(config: PolicyServerConfig, options: ServerOptions) -> None:
         raise PolicyMismatch(f"expected a wrist camera, {SAYS}, got none; give wrist by option cameras")
     if config.needs_stereo_camera:
         raise PolicyMismatch(f"expected stereo cameras, {SAYS}, got a camera, which is what tasks show")
-    _check_motion(config.action_space, of_joints=options.has_joints)
+    _check_motion(config.action_space, options.moves)
 
 
-def _check_motion(space: str, *, of_joints: bool) -> None:
-    wanted = "targets of joints, as option joints says" if of_joints else "displacements of the tool"
-    if space in NOT_PLAYED or (space and (space == JOINT_TARGETS) != of_joints):
-        hint = "; give option joints for tasks of joints" if space == JOINT_TARGETS else ""
+def _check_motion(space: str, moves: Moves) -> None:
+    if space in NOT_PLAYED or (space and OF_JOINTS.get(space, Moves.TOOL) is not moves):
+        wanted = moves if moves is Moves.TOOL else f"{moves}, as options say"
+        hint = "; give options joints and, for velocities, velocity_scale" if space in OF_JOINTS else ""
         raise PolicyMismatch(f"expected {wanted}, got the action_space {visible(space)}{hint}")
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from robogauntlet.adapters.contract import ACTION_DIM, Body, Observation
+from robogauntlet.adapters.contract import ACTION_DIM, Body, Moves, Observation
 from robogauntlet.policies.contract import Decision, Policy, PolicyInput, PolicySpec, Query, Routing, StatelessPolicy
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, CAMERA_KEYS, INSTRUCTION_KEY, STATE_KEY
@@ -26,7 +26,8 @@ EPISODE, STEP, FINISHED, TRUE_STATE, ROUTING, OF_JOINTS = (
     f"robogauntlet/{name}" for name in ("episode", "step", "finished", "privileged_state", "routing", "of_joints")
 )
 UNITS = "metres, radians (axis-angle), gripper -1 open to +1 closed; robot base frame"
-JOINT_UNITS = "targets of joints in radians, gripper -1 open to +1 closed"
+JOINT_UNITS = {False: "targets of joints in radians", True: "velocities of joints in radians per second"}
+GRIPPER_UNITS = "gripper -1 open to +1 closed"
 MOST_NUMBERS = 64
 """Of an observation's proprioception."""
 
@@ -77,7 +78,7 @@ def as_metadata(greeting: Greeting) -> dict[str, Any]:
         "action_dim": body.action_dim,
         "action_horizon": spec.chunk_length,
         "action_names": list(body.action_names),
-        "action_units": JOINT_UNITS if body.joints else UNITS,
+        "action_units": f"{JOINT_UNITS[body.velocities]}, {GRIPPER_UNITS}" if body.joints else UNITS,
         "cameras": {camera: CAMERA_KEYS[camera] for camera in spec.cameras},
         "image_size": spec.image_size,
         "state_dim": body.proprioception_dim,
@@ -189,11 +190,12 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec, keys: Keys) -> Ob
 
 
 def _body(spec: PolicySpec) -> Body:
-    """Return the body of as many numbers; of another number than that of tools, it has joints."""
+    """Return the body of as many numbers; of another number than that of tools, or by `moves`, it has joints."""
     numbers = ACTION_DIM if spec.action_dim is None else spec.action_dim
-    if numbers in (ACTION_DIM, 2 * ACTION_DIM):
+    if numbers in (ACTION_DIM, 2 * ACTION_DIM) and spec.moves in (None, Moves.TOOL):
         return Body(numbers // ACTION_DIM)
-    return Body(joints=tuple(f"joint_{number}" for number in range(1, numbers)))
+    joints = tuple(f"joint_{number}" for number in range(1, numbers))
+    return Body(joints=joints, velocities=spec.moves is Moves.VELOCITIES)
 
 
 def _image(key: str, value: Any, spec: PolicySpec) -> np.ndarray:

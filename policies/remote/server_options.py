@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from robogauntlet.adapters.contract import ACTION_DIM
+from robogauntlet.adapters.contract import ACTION_DIM, Moves
 from robogauntlet.policies.contract import PolicyError, Wishes
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.stored import first_fault
@@ -42,11 +42,28 @@ Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
 Column = Annotated[int, Field(strict=True, ge=0, le=255)]
 
 
+DROID_STEP, DROID_HZ = 0.2, 15.0
+"""Change of a joint's target for a velocity of 1 (rad), and control steps per second, of DROID's robots
+(`robot_ik_solver.py`)."""
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "libero": libero.OPTIONS,
     "so101": {"joints": 5, "joint_scale": math.pi / 180.0, "gripper_open": 100.0, "gripper_closed": 0.0},
+    "droid": {
+        **{"joints": 7, "velocity_scale": DROID_STEP * DROID_HZ},
+        **{"gripper_open": 0.0, "gripper_closed": 1.0, "gripper_threshold": 0.5},
+    },
 }
 """Convention to the options that it sets."""
+DROID_CAMERAS = "observation/exterior_image_1_left", "observation/wrist_image_left"
+OPENPI_KEYS: Mapping[str, Mapping[str, Any]] = {
+    "droid": {
+        "cameras": dict(zip(CAMERAS, DROID_CAMERAS, strict=True)),
+        "proprioception": {"observation/joint_position": tuple(range(7)), "observation/gripper_position": (7,)},
+        **{"image_size": 224, "execute": 8},
+    },
+}
+"""Convention to what its policies get behind openpi's servers (`droid_policy.py`, `examples/droid/main.py`), unless
+options say something else."""
 TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down": (-1, 1)}
 """Name of a turn to the strides through an image's rows and columns."""
 OF_TOOLS = {"translation_scale", "rotation", "rotation_scale"}
@@ -98,9 +115,10 @@ class Convention(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    convention: Literal["robogauntlet", "libero", "so101"] = "robogauntlet"
+    convention: Literal["robogauntlet", "libero", "so101", "droid"] = "robogauntlet"
     """robogauntlet, or libero for policies trained on LIBERO's own data, which sets turn, rotation and the scales, or
-    so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers"""
+    so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers, or droid
+    for openpi's of DROID, which sets joints, velocity_scale and the gripper's numbers"""
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """camera to the server's key"""
     proprioception: StateKeys = STATE_KEY
@@ -133,10 +151,12 @@ class Convention(BaseModel):
     gripper_threshold: float | None = None
     """beyond this number, seen from open, the gripper closes, else it opens; by default it also stops in between"""
     joints: Annotated[int, Field(strict=True, ge=1, le=32)] | None = None
-    """number of joints whose targets the answer has before that of the gripper, and whose angles are sent in place of
-    the eight numbers; by default the answer moves the tool"""
+    """number of joints whose targets or velocities the answer has before that of the gripper, and whose angles are sent
+    in place of the eight numbers; by default the answer moves the tool"""
     joint_scale: float | tuple[float, ...] = 1.0
     """radians per unit of a joint, in the answer and in what is sent: of all, or a list"""
+    velocity_scale: float | tuple[float, ...] | None = None
+    """radians per second and unit, if the answer has velocities of joints: of all, or a list; by default targets"""
     execute: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
     """actions of a chunk that are executed, unless the suite states a smaller replan_every; fewer in an answer are an
     error"""
@@ -163,12 +183,13 @@ class Convention(BaseModel):
             raise ValueError(f"expected no {' and no '.join(conflicting)}, which convention {self.convention} sets")
         if joints and (of_tools := sorted(self.model_fields_set & OF_TOOLS)):
             raise ValueError(f"expected no {' and no '.join(of_tools)} beside joints, whose targets are no motion")
-        if not joints and "joint_scale" in self.model_fields_set:
-            raise ValueError("joint_scale: expected joints, their number, beside it")
-        scales = np.ravel(self.joint_scale)
-        if not scales.all() or len(scales) not in (1, joints):
-            given = scales.tolist()
-            raise ValueError(f"joint_scale: expected a number other than 0, or one for each of joints, got {given}")
+        for name, scale in (("joint_scale", self.joint_scale), ("velocity_scale", self.velocity_scale)):
+            if not joints and name in self.model_fields_set:
+                raise ValueError(f"{name}: expected joints, their number, beside it")
+            scales = np.ravel(1.0 if scale is None else scale)
+            if not scales.all() or len(scales) not in (1, joints):
+                given = scales.tolist()
+                raise ValueError(f"{name}: expected a number other than 0, or one for each of joints, got {given}")
         if self.gripper_open == self.gripper_closed:
             raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
         if self.joints and (missing := sorted(GRIPPER_RANGE - self.model_fields_set)):
@@ -200,7 +221,9 @@ class Convention(BaseModel):
         preset = PRESETS.get(self.convention, {})
         if isinstance(self.turn, dict):
             preset = {name: value for name, value in preset.items() if name != "turn"}
-        return self.model_copy(update=preset)
+        openpis = type(self).model_fields["cameras"].default == CAMERA_KEYS
+        keys = OPENPI_KEYS.get(self.convention, {}) if openpis else {}
+        return self.model_copy(update={**{name: keys[name] for name in keys.keys() - self._own}, **preset})
 
     @property
     def _own(self) -> set[str]:
@@ -215,6 +238,14 @@ class Convention(BaseModel):
     def has_joints(self) -> bool:
         """Whether the answer has targets of joints, by option or convention."""
         return bool(self.joints or "joints" in PRESETS.get(self.convention, {}))
+
+    @property
+    def moves(self) -> Moves:
+        """What the answer's numbers before the gripper's are."""
+        if not self.has_joints:
+            return Moves.TOOL
+        velocities = self.velocity_scale or "velocity_scale" in PRESETS.get(self.convention, {})
+        return Moves.VELOCITIES if velocities else Moves.TARGETS
 
     @property
     def wishes(self) -> Wishes:
@@ -338,7 +369,7 @@ class ServerOptions(Convention):
 _WHO = {"address", "identity", "expected_metadata"}
 _ADDED_DEFAULTS = (
     *(("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle")),
-    *(("joints", None), ("joint_scale", 1.0)),
+    *(("joints", None), ("joint_scale", 1.0), ("velocity_scale", None)),
 )
 """Defaults of options that were added later: left out of the digest, so that older digests stay the same."""
 CONVENTION_OPTIONS = {name: field.description or "" for name, field in Convention.model_fields.items()}

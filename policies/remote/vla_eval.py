@@ -81,7 +81,9 @@ class VlaEvalPolicy(WebsocketPolicy):
         super().__init__(options)
         self._free = [self._connection]
         """Connections without an episode."""
-        self.spec = PolicySpec(PolicyInput.OBSERVATION, 1, options.action_dim, tuple(options.cameras))
+        self.spec = PolicySpec(
+            PolicyInput.OBSERVATION, 1, options.action_dim, tuple(options.cameras), moves=options.moves
+        )
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes; the server is told with their first query."""

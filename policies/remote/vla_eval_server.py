@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM, FloatArray
+from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM, FloatArray, Moves
 from robogauntlet.policies.contract import PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.remote.conversion import resize_image, turn_image
@@ -44,9 +44,11 @@ def specs_of(spec: PolicySpec, numbers: int) -> dict[str, Any]:
     """
     if spec.sees is PolicyInput.PRIVILEGED_STATE:
         raise PolicyMismatch("expected a policy that sees observations, got one that acts on the true state")
+    if spec.moves is Moves.VELOCITIES:
+        raise PolicyMismatch(f"expected a policy of tools or targets of joints, got one of {spec.moves}")
     if numbers == 2 * ACTION_DIM:
         raise PolicyMismatch("expected a policy of one arm, got one of two, for which the protocol has no specs")
-    of_tool = numbers == ACTION_DIM
+    of_tool = numbers == ACTION_DIM and spec.moves is not Moves.TARGETS
     moved = (
         [("position", 3, "delta_xyz"), ("rotation", 3, "axis_angle")] if of_tool else [("joints", numbers - 1, JOINTS)]
     )

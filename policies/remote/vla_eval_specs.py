@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
+from robogauntlet.adapters.contract import Moves
 from robogauntlet.policies.contract import PolicyMismatch
 from robogauntlet.policies.remote.server_options import ServerOptions
 from robogauntlet.policies.stored import first_fault
@@ -34,9 +35,10 @@ PARTS: Mapping[str, Mapping[str, tuple[int, Mapping[str, Any]]]] = {
 say."""
 BY_USER = {"rotation": {"rotation"}, "gripper": {"gripper_open", "gripper_closed"}}
 """Part to the options with which the user says what it means, in place of its format."""
-TARGETS = ("joint_positions", "joint_pos_abs")
 STATE, JOINTS = "eef_pos3_axisangle3_gripper2", "joint_positions"
 RAW, PICTURE, WORDS = "raw", "rgb_hwc_uint8", "language"
+OF_JOINTS = {Moves.TARGETS: ("joint_positions", "joint_pos_abs"), Moves.VELOCITIES: (RAW,)}
+"""What joints' numbers are to their formats; the harness has none for velocities."""
 
 
 class _Part(BaseModel):
@@ -107,8 +109,9 @@ def _of_tool(options: ServerOptions, action: Mapping[str, _Part]) -> ServerOptio
 def _check_joints(options: ServerOptions, action: Mapping[str, _Part]) -> None:
     for name, part in action.items():
         of_gripper = name == "gripper" or part.format == RAW
-        if not of_gripper and (part.format not in TARGETS or part.dims not in (options.joints, options.width)):
-            wanted = f"{' or '.join(TARGETS)} of {options.joints} numbers"
+        formats = OF_JOINTS[options.moves]
+        if not of_gripper and (part.format not in formats or part.dims not in (options.joints, options.width)):
+            wanted = f"{' or '.join(formats)} of {options.joints} numbers"
             raise PolicyMismatch(f"expected {wanted}, as option joints says, got {visible(name)}: {part}")
 
 

@@ -134,7 +134,9 @@ class XPolicyLabPolicy(WebsocketPolicy):
         self.hello = frame_of("hello", {})
         super().__init__(options)
         execute = options.execute or MAX_ACTIONS
-        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, options.action_dim, tuple(options.cameras))
+        self.spec = PolicySpec(
+            PolicyInput.OBSERVATION, execute, options.action_dim, tuple(options.cameras), moves=options.moves
+        )
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes; the server is told with the first query of each."""

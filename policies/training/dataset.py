@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import GRIPPER
+from robogauntlet.adapters.contract import GRIPPER, Moves
 from robogauntlet.policies.training.lerobot_format import (
     ACTION,
     CODEBASE_VERSION,
@@ -53,7 +53,7 @@ class Batch:
     actions: Floats
     """Actions from this step on, shape (b, chunk, numbers).
 
-    Past the episode's end: no motion, the last command of grippers and joints."""
+    Past the episode's end: no motion, the last command of grippers and targets."""
     mask: NDArray[np.bool_]
     """False past the episode's end, shape (b, chunk)."""
     instructions: tuple[str, ...]
@@ -183,7 +183,7 @@ class Demonstrations:
         steps = np.asarray(frames)[:, None] + np.arange(chunk_length)
         mask = steps < ends[:, None]
         actions = self.actions[np.minimum(steps, ends[:, None] - 1)]
-        if not self.spec.body.joints:
+        if self.spec.body.moves is not Moves.TARGETS:
             moves = [not name.endswith(GRIPPER) for name in self.spec.body.action_names]
             actions[..., moves] *= mask[..., None]
         return Batch(

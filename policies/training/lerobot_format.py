@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import ACTION_DIM, GRIPPER, Body, FloatArray, Image
+from robogauntlet.adapters.contract import ACTION_DIM, ARM_PREFIXES, GRIPPER, VELOCITY, Body, FloatArray, Image
 from robogauntlet.policies.stored import StoredError
 
 CODEBASE_VERSION = "v3.0"
@@ -119,9 +119,12 @@ def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
 
 def _body(action: Mapping[str, Any]) -> Body:
     """Return the body whose numbers an action has; without their names, by its size, tools are moved."""
-    names = action["names"]
-    if isinstance(names, list) and names[-1:] == [GRIPPER] and len(names) > 1 and names[0] not in Body().action_names:
-        return Body(joints=tuple(map(str, names[:-1])))
+    names = list(map(str, action["names"])) if isinstance(action["names"], list) else []
+    arms = 2 if names[-1:] == [ARM_PREFIXES[1] + GRIPPER] else 1
+    one = names[: len(names) // arms]
+    if one[-1:] == [GRIPPER] and len(one) > 1 and one[0] not in Body().action_names:
+        velocities = one[0].endswith(VELOCITY)
+        return Body(arms, tuple(name.removesuffix(VELOCITY) if velocities else name for name in one[:-1]), velocities)
     return Body(2 if action["shape"] == [2 * ACTION_DIM] else 1)
 
 

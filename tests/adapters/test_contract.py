@@ -51,7 +51,7 @@ def test_other_numbers_of_arms_than_one_and_two_are_refused(arms):
 @pytest.mark.parametrize(
     ("body", "says"),
     [
-        ({"arms": 2, "joints": ("a", "b")}, "^arms: expected 1 with joints, found 2$"),
+        ({"velocities": True}, "^velocities: expected joints beside it, found none$"),
         (
             {"joints": ("a", "gripper")},
             "^joints: .* none of an action of a tool, found 'gripper'$",
@@ -59,7 +59,7 @@ def test_other_numbers_of_arms_than_one_and_two_are_refused(arms):
         ({"joints": ("a", "a")}, "^joints: expected a name for each, .* found 'a'$"),
     ],
 )
-def test_joints_without_names_of_their_own_or_of_two_arms_are_refused(body, says):
+def test_joints_without_names_of_their_own_and_velocities_of_none_are_refused(body, says):
     with pytest.raises(ValueError, match=says):
         Body(**body)
 
@@ -71,6 +71,17 @@ def test_targets_of_joints_have_their_names_limits_and_largest_steps():
     assert spec.low.tolist() == [-1.0, -0.5, -1.0]
     assert spec.high.tolist() == [2.0, 0.5, 1.0]
     assert spec.steps[:2].tolist() == [0.1, 0.2]
+
+
+def test_velocities_of_the_joints_of_two_arms_have_their_names_and_bounds():
+    joints = (Joint("shoulder", -1.0, 2.0, 0.1), Joint("elbow", -0.5, 0.5, 0.2))
+    spec = ActionSpec(0.0, 0.0, 20.0, arms=2, joints=joints, velocities=True)
+    one = ("shoulder_velocity", "elbow_velocity", "gripper")
+    assert spec.names == (*one, *(f"second_{name}" for name in one))
+    assert spec.body.proprioception_names[3:] == ("second_shoulder", "second_elbow", "second_gripper")
+    assert spec.high.tolist() == [2.0, 4.0, 1.0] * 2
+    assert np.array_equal(spec.low, -spec.high)
+    assert [spec.names[spec.joints_of(arm)][0] for arm in (0, 1)] == ["shoulder_velocity", "second_shoulder_velocity"]
 
 
 def test_the_numbers_of_one_arm_have_no_prefix():

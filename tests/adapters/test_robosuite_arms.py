@@ -23,6 +23,7 @@ from tests.jobs import mostly_nightly
 from tests.policies.playing import steps_to_success
 
 OTHERS = [arm for arm in ARMS if arm != PANDA]
+BY_JOINTS = [f"{arm}-joint-{what}" for arm in ("DROID", "UR5e") for what in ("position", "velocity")]
 STEPS, STEP = 5, 0.01
 """Number and length (m) of the steps that are measured."""
 
@@ -96,7 +97,7 @@ def test_the_panda_s_oracle_succeeds_with_another_arm(task):
 def test_a_pattern_finds_other_arms_only_if_it_names_one():
     known = catalog.task_descriptions()
     assert expand_tasks(["robosuite/*"], known) == [f"robosuite/{task}" for task in WITH_PANDA]
-    assert expand_tasks(["robosuite/Lift@*"], known) == [f"robosuite/Lift@{arm}" for arm in OTHERS]
+    assert expand_tasks(["robosuite/Lift@*"], known) == [f"robosuite/Lift@{arm}" for arm in OTHERS + BY_JOINTS]
     assert expand_tasks(["robosuite/*@UR5e"], known) == [f"robosuite/{task}@UR5e" for task in ("Lift", "Stack", "Door")]
 
 

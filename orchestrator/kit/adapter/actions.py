@@ -42,6 +42,8 @@ FACTORS = {
 """Factor of a wrong distance to its likely cause."""
 TURN, TURNING = 0.1, 15
 """Change of a joint's target (rad), and steps until the arm is at rest."""
+AT_A_VELOCITY = 5
+"""Steps of a velocity that changes a target by as much."""
 GRIPPING = 15
 """Steps after which the fingers have arrived."""
 ORACLE_SEEDS = range(2)
@@ -153,43 +155,48 @@ def _orientation(simulation: Simulation, arm: str) -> Rotation:
 
 @check(
     "action-joints",
-    look="Simulation.step: order, sign and unit (rad) of the targets; and tcp_jacobian",
+    look="Simulation.step: order, sign and unit (rad, rad/s) of targets or velocities; and tcp_jacobian",
     of_joints=True,
 )
 def joints(subject: CheckedTask) -> Iterator[Violation]:
-    """A joint turns as its target does, in radians, the others stay, and the tool moves as the Jacobian says."""
+    """A joint turns by its target or velocity, in radians, the others stay, and the tool moves as the Jacobian says."""
     spec = subject.simulation.action_spec
-    for place, joint in enumerate(spec.joints):
+    for (number, arm), (place, joint) in itertools.product(enumerate(subject.arms), enumerate(spec.joints)):
+        name, index = arm + joint.name, spec.joints_of(number).start + place
         simulation = subject.reset()
         for _ in range(TURNING):
             simulation.step(subject.action())
         before = simulation.privileged_state()
-        target = before["joint_targets"][place]
+        target = before[f"{arm}joint_targets"][place]
         turn = TURN if target + TURN <= joint.high else -TURN
         action = subject.action()
-        action[place] += turn
-        for _ in range(TURNING):
+        action[index] += spec.per_radian * turn / (AT_A_VELOCITY if spec.velocities else 1)
+        for step in range(TURNING):
+            if spec.velocities and step == AT_A_VELOCITY:
+                action = subject.action()
             simulation.step(action)
         after = simulation.privileged_state()
-        turned = after["joint_angles"] - before["joint_angles"]
-        others = np.abs(np.delete(turned, place)).max(initial=0.0)
+        turns = [after[f"{one}joint_angles"] - before[f"{one}joint_angles"] for one in subject.arms]
+        turned, others = turns[number], np.abs(np.delete(np.concatenate(turns), len(spec.joints) * number + place))
         yield from expect(
-            abs(turned[place] - turn) <= TOLERANCE * TURN and others <= SIDEWAYS * TURN,
-            f"{joint.name} to turn by {turn:+.2f} rad when its target does, and no other joint",
-            f"it turned by {turned[place]:+.3f} rad{hint(turned[place] / turn)}, another one by {others:.3f}",
+            abs(turned[place] - turn) <= TOLERANCE * TURN and others.max(initial=0.0) <= SIDEWAYS * TURN,
+            f"{name} to turn by {turn:+.2f} rad when its target does, and no other joint",
+            f"it turned by {turned[place]:+.3f} rad{hint(turned[place] / turn)}, "
+            f"another one by {others.max(initial=0.0):.3f}",
         )
-        moved = after["tcp_position"] - before["tcp_position"]
-        told = before["tcp_jacobian"][:3] @ turned
+        moved = after[f"{arm}tcp_position"] - before[f"{arm}tcp_position"]
+        told = before[f"{arm}tcp_jacobian"][:3] @ turned
         yield from expect(
             np.linalg.norm(moved - told) <= TOLERANCE * max(float(np.linalg.norm(told)), LENGTH),
-            f"the tool to move by {np.round(told, 3).tolist()} m with {joint.name}, as tcp_jacobian says",
+            f"the tool to move by {np.round(told, 3).tolist()} m with {name}, as tcp_jacobian says",
             f"it moved by {np.round(moved, 3).tolist()}",
         )
-        target = after["joint_targets"][place]
-        action[place] = joint.high if joint.high - target > target - joint.low else joint.low
+        target = after[f"{arm}joint_targets"][place]
+        upwards = joint.high - target > target - joint.low
+        action[index] = (2.0 if spec.velocities else 1.0) * (spec.high if upwards else spec.low)[index]
         simulation.step(action)
-        stepped = abs(simulation.privileged_state()["joint_targets"][place] - target)
-        expected = f"the target of {joint.name} to change by its `step`, {joint.step:g} rad, if more is asked for"
+        stepped = abs(simulation.privileged_state()[f"{arm}joint_targets"][place] - target)
+        expected = f"the target of {name} to change by its `step`, {joint.step:g} rad, if more is asked for"
         yield from expect(abs(stepped - joint.step) <= 1e-3, expected, f"{stepped:.3f} rad")
 
 
@@ -245,7 +252,7 @@ def clipped(subject: CheckedTask) -> Iterator[Violation]:
         signs = np.resize([1.0, -1.0], len(spec.high))
     signs[spec.ignored_indices] = 0.0
     bounds = np.where(signs < 0.0, -spec.low, spec.high) * signs
-    steps = math.ceil(max((spec.high - spec.low) / spec.steps)) if spec.joints else 5
+    steps = max((math.ceil((joint.high - joint.low) / joint.step) for joint in spec.joints), default=5)
     same = _end(subject, bounds, steps) == _end(subject, 3.0 * bounds, steps)
     yield from expect(same, "3 times the bounds to do what the bounds do", "another state after 5 steps")
 

@@ -145,12 +145,14 @@ class CheckedTask:
         return wanted if spec.joints else min(wanted, spec.max_translation)
 
     def action(self, **values: float) -> FloatArray:
-        """An action with open grippers and the given numbers; the targets of joints are moved as the tool would be."""
+        """An action with open grippers and the given numbers; joints move as far as the tool would be moved."""
         spec = self.simulation.action_spec
         still = standing_still(self.simulation)
         action = np.array([values.get(name, own) for name, own in zip(spec.names, still.tolist(), strict=True)])
-        if spec.joints and (way := [values.get(name, 0.0) for name in ACTION_NAMES[:3]]) != [0.0, 0.0, 0.0]:
-            action[:-1] += np.linalg.pinv(self.simulation.privileged_state()["tcp_jacobian"][:3]) @ way
+        for number, arm in enumerate(self.arms if spec.joints else ()):
+            if (way := [values.get(arm + name, 0.0) for name in ACTION_NAMES[:3]]) != [0.0, 0.0, 0.0]:
+                turns = np.linalg.pinv(self.simulation.privileged_state()[f"{arm}tcp_jacobian"][:3]) @ way
+                action[spec.joints_of(number)] += spec.per_radian * turns
         return action
 
     def moving(self, **values: float) -> FloatArray:
@@ -172,12 +174,14 @@ class CheckedTask:
     def random_actions(self, seed: int, count: int) -> FloatArray:
         """Actions, one in each of `count` rows, drawn uniformly within the bounds.
 
-        Joints walk at random from the present targets.
+        Targets of joints walk at random from the present ones.
         """
         spec, generator = self.simulation.action_spec, np.random.default_rng(seed)
         if spec.joints:
-            drawn = generator.uniform(-1.0, 1.0, (count, len(spec.names)))
-            drawn[:, :-1] = self.action()[:-1] + np.cumsum(TURN * drawn[:, :-1], axis=0)
+            drawn, still = generator.uniform(-1.0, 1.0, (count, len(spec.names))), self.action()
+            for there in map(spec.joints_of, range(spec.arms)):
+                turns = spec.per_radian * TURN * drawn[:, there]
+                drawn[:, there] = turns if spec.velocities else still[there] + np.cumsum(turns, axis=0)
             return np.clip(drawn, spec.low, spec.high)
         scale = np.minimum(([STEP] * 3 + [TURN] * 3 + [1.0]) * spec.arms, spec.high)
         return generator.uniform(-1.0, 1.0, (count, len(scale))) * scale

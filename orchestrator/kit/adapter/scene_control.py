@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray, is_of_second_arm
+from robogauntlet.adapters.frames import proprioception
 from robogauntlet.adapters.scene_control import Arm, BodyDynamics, DynamicsFactors, Objects, Unreachable
 from robogauntlet.orchestrator.kit.adapter.check import (
     Check,
@@ -135,10 +136,14 @@ def arm_place(subject: CheckedTask, arm: Arm) -> Iterator[Violation]:
     angle = float((Rotation.from_quat(after["tcp_quaternion"]) * orientation.inv()).magnitude())
     expected = "the tool within 1 mm and 0.01 rad of the pose"
     yield from expect(missed < 1e-3 and angle < 0.01, expected, f"{1000 * missed:.1f} mm, {angle:.3f} rad off")
-    for name in set(before) - {"tcp_position", "tcp_quaternion"}:
+    of_joints = bool(simulation.action_spec.joints)
+    own = {"tcp_position", "tcp_quaternion"} | (
+        {"joint_angles", "joint_targets", "tcp_jacobian"} if of_joints else set()
+    )
+    for name in set(before) - own:
         yield from expect(np.allclose(after[name], before[name], atol=1e-6), f"{name} to stay as it was", "it changed")
-    read = np.allclose(simulation.observe().proprioception[:3], position, atol=1e-3)
-    yield from expect(read, "proprioception to show the new position", "another")
+    read = np.allclose(simulation.observe().proprioception, proprioception(after, of_joints=of_joints), atol=1e-3)
+    yield from expect(read, "proprioception to show the new pose", "another")
     still = subject.action(gripper=0.0) if subject.ignores("gripper") else subject.action()
     for _ in range(20):
         simulation.step(still)

@@ -33,7 +33,7 @@ FLAT = 5.0
 MOST_TURNED = 7.0
 """Largest angle of a joint (rad)."""
 OF_JOINTS = {"max_translation": (0.0, 0.0, "m"), "max_rotation": (0.0, 0.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
-"""The same as `PER_STEP`, where an action has the targets of joints."""
+"""The same as `PER_STEP`, where an action is of joints."""
 PER_STEP = {"max_translation": (1e-4, 0.2, "m"), "max_rotation": (0.0, 1.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
 """Plausible values for one control step: least, greatest, unit."""
 HEAVY = ("torch", "mujoco", "sapien", "pybullet", "gymnasium", "jax", "tensorflow", "cv2")
@@ -102,6 +102,9 @@ def specs(subject: CheckedTask) -> Iterator[Violation]:
     yield from expect(action.arms == arms, f"{arms} as `arms`, as the TaskDescription says", f"{action.arms}")
     same = action.body.joints == joints
     yield from expect(same, f"joints {', '.join(joints)}, as the TaskDescription says", ", ".join(action.body.joints))
+    moves = subject.description.body.moves
+    same = not same or action.body.moves == moves
+    yield from expect(same, f"{moves}, as the TaskDescription says", action.body.moves)
     unknown = set(action.ignored) - set(action.names)
     yield from expect(not unknown, f"`ignored` out of {', '.join(action.names)}", _listed(unknown))
     rotations = {name for name in action.names if name.endswith(("rx", "ry", "rz"))}
@@ -188,7 +191,8 @@ def privileged_state(subject: CheckedTask) -> Iterator[Violation]:
     expected_names = names_of_arms(("tcp_position", "tcp_quaternion", "finger_positions"), len(subject.arms))
     of_second = ("second_base_position", "second_base_quaternion") if len(subject.arms) == 2 else ()
     width = len(subject.simulation.action_spec.joints)
-    of_joints = {"joint_angles": (width,), "joint_targets": (width,), "gripper": (1,), "tcp_jacobian": (6, width)}
+    one = {"joint_angles": (width,), "joint_targets": (width,), "gripper": (1,), "tcp_jacobian": (6, width)}
+    of_joints = {f"{arm}{name}": shape for arm in subject.arms for name, shape in one.items()}
     for name in (*expected_names, *of_second, *(of_joints if width else ())):
         yield from expect(name in state, f"`{name}`", _listed(state.keys()))
     shapes: dict[str, tuple[int, ...]] = {"_position": (3,), "_positions": (2,), "_quaternion": (4,)}
@@ -212,9 +216,9 @@ def proprioception(subject: CheckedTask) -> Iterator[Violation]:
     seen, state = simulation.observe().proprioception, simulation.privileged_state()
     for arm, own in zip(subject.arms, np.split(seen, len(subject.arms)), strict=True):
         if subject.simulation.action_spec.joints:
-            true = np.append(state["joint_angles"], state["gripper"])
+            true = np.append(state[f"{arm}joint_angles"], state[f"{arm}gripper"])
             same = np.allclose(own, true, atol=1e-6, rtol=0.0)
-            yield from expect(same, f"joint_angles and gripper: {_numbers(true)}", _numbers(own))
+            yield from expect(same, f"{arm}joint_angles and gripper: {_numbers(true)}", _numbers(own))
             continue
         turn = axis_angle(state[f"{arm}tcp_quaternion"])
         parts = {

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import AdapterError, FloatArray, Image, Simulation, SimulatorUnavailable
+from robogauntlet.adapters.contract import AdapterError, FloatArray, Image, Moves, Simulation, SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.planned_policy import LOADING_S
@@ -184,7 +184,8 @@ class _Check:
         executed = np.concatenate([played.actions() for played in plays])
         replan_every = first.episode.protocol.replan_every
         yield from actions.answers([first, other, again], replan_every)
-        yield from joints.targets(plays, spec) if spec.joints else actions.limits(plays, spec)
+        limits = {Moves.TOOL: actions.limits, Moves.TARGETS: joints.targets, Moves.VELOCITIES: joints.velocities}
+        yield from limits[spec.body.moves](plays, spec)
         moves = list(motion.movements(simulation, plays))
         yield from motion.components(simulation, executed, moves)
         yield from actions.gripper(plays, spec)

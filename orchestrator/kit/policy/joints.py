@@ -1,4 +1,4 @@
-"""Findings about targets of joints: units, ranges, and whether they begin where the arm is."""
+"""Findings about targets of joints: units, ranges, and whether they begin where the arm is; and about velocities."""
 
 from __future__ import annotations
 
@@ -52,6 +52,24 @@ def targets(plays: Sequence[Play], spec: ActionSpec) -> Iterator[Finding]:
         yield Finding("targets", Level.OK, text, numbers)
     if max(map(len, each)) > 1:
         yield _speed(each, spec.steps[used])
+
+
+def velocities(plays: Sequence[Play], spec: ActionSpec) -> Iterator[Finding]:
+    """Whether joints are moved, and the share of actions beyond their largest velocities."""
+    actions = np.concatenate([play.actions() for play in plays])
+    used = [index for index in range(len(spec.joints)) if index not in spec.ignored_indices]
+    values, high = np.abs(actions[:, used]), spec.high[used]
+    largest, share = float(values.max()), float((values > high + 1e-9).any(axis=1).mean())
+    if not largest:
+        yield Finding("motion", Level.WARNING, "all velocities are 0: the policy stands still")
+        return
+    yield from constant(actions)
+    text = f"up to {largest:.3g} rad/s"
+    if share:
+        text += f"; {percent(share)} of the actions are beyond the limit of {high.max():.3g} rad/s, and are clipped"
+        text += ": targets, or degrees?" if share > 0.5 else ""
+    level = Level.WARNING if share > 0.5 else Level.NOTE if share else Level.OK
+    yield Finding("velocities", level, text, {"share_outside": share, "largest_rad_per_s": largest})
 
 
 def _both(play: Play) -> tuple[FloatArray, FloatArray]:

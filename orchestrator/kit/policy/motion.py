@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, FloatArray, Simulation
+from robogauntlet.adapters.contract import ACTION_NAMES, VELOCITY, FloatArray, Moves, Simulation
 from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.orchestrator.kit.policy.recording import Play
 
@@ -33,7 +33,7 @@ class Movement:
 
     name: str
     value: float
-    """For a joint, the change of its target from where it starts (rad)."""
+    """Of a target, its change from where the joint starts (rad)."""
     translation: FloatArray
     """Of the tool, per step, or in all for a joint: (3,), m."""
     rotation: FloatArray
@@ -49,7 +49,7 @@ def movements(simulation: Simulation, plays: Sequence[Play]) -> Iterator[Movemen
     spec, seed = simulation.action_spec, plays[0].episode.seed
     values, holding = np.concatenate([play.offsets() for play in plays]), _holding(simulation, seed)
     least, low, high = 0.0, np.full(len(holding), -np.inf), np.full(len(holding), np.inf)
-    if spec.joints:
+    if spec.body.moves is Moves.TARGETS:
         follows = STEPS * spec.steps
         least, low, high = HELD, np.maximum(-follows, spec.low - holding), np.minimum(follows, spec.high - holding)
     idle = _moved(simulation, holding, seed)
@@ -73,8 +73,8 @@ def typical(values: FloatArray) -> float:
 
 def _holding(simulation: Simulation, seed: int) -> FloatArray:
     """The action that keeps the arm where the seed starts it."""
-    if not simulation.action_spec.joints:
-        return np.zeros(ACTION_DIM)
+    if simulation.action_spec.body.moves is not Moves.TARGETS:
+        return np.zeros(len(simulation.action_spec.names))
     simulation.reset(seed)
     state = simulation.privileged_state()
     return np.append(state["joint_targets"], state["gripper"])
@@ -98,7 +98,7 @@ def components(simulation: Simulation, actions: FloatArray, moves: Sequence[Move
     found, spec = {move.name: move for move in moves}, simulation.action_spec
     for index, name in enumerate(spec.names[:-1]):
         values = actions[:, index]
-        unit = "m" if name in TRANSLATIONS else "rad"
+        unit = "m" if name in TRANSLATIONS else "rad/s" if spec.velocities else "rad"
         numbers = {"mean": float(values.mean()), "lowest": float(values.min()), "highest": float(values.max())}
         size = f"{values.mean():+.3g} {unit} on average, {values.min():.3g} to {values.max():.3g}"
         if name in spec.ignored:
@@ -107,7 +107,7 @@ def components(simulation: Simulation, actions: FloatArray, moves: Sequence[Move
             text = f"{size}; {describe(found[name])}"
             numbers |= _effects(found[name])
         else:
-            text = f"{size}; always near its start" if spec.joints else "always 0"
+            text = f"{size}; always near its start" if spec.body.moves is Moves.TARGETS else "always 0"
         yield Finding(name, Level.NOTE, text, numbers)
 
 
@@ -134,7 +134,8 @@ def describe(move: Movement) -> str:
         return f"{move.value:+.3g} alone {f'turns the tool {turned}' if turned else 'does not turn the tool'}"
     shifted, turned = _shift(move.translation, 1e-3, ""), _turn(move.rotation, 0.01, "")
     parts = [shifted, turned and f"turns {'it' if shifted else 'the tool'} {turned}"]
-    return f"{move.value:+.3g} rad alone {', and '.join(filter(None, parts)) or 'hardly moves the tool'}"
+    unit = f"rad/s for {STEPS} steps" if move.name.endswith(VELOCITY) else "rad"
+    return f"{move.value:+.3g} {unit} alone {', and '.join(filter(None, parts)) or 'hardly moves the tool'}"
 
 
 def _shift(translation: FloatArray, least: float, per: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from robogauntlet.adapters.catalog import body_of
 from robogauntlet.adapters.contract import FloatArray, Image, Observation
 from robogauntlet.orchestrator.kit.finding import Finding, Level, percent
 from robogauntlet.orchestrator.kit.policy.recording import Answer, InvalidAnswer, ask_again
@@ -99,7 +100,8 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
 def _origin(query: Query) -> FloatArray | float:
     """The action from which the answer's size counts: targets of joints count from where the joints are."""
     assert query.observation is not None
-    return np.append(query.observation.proprioception[:-1], 0.0) if query.observation.of_joints else 0.0
+    targets = query.observation.of_joints and not body_of(query.episode.task).velocities
+    return np.append(query.observation.proprioception[:-1], 0.0) if targets else 0.0
 
 
 def difference(chunks: Sequence[FloatArray], others: Sequence[FloatArray]) -> float:

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from robogauntlet.adapters.contract import FloatArray, Observation, Simulation
+from robogauntlet.adapters.contract import FloatArray, Moves, Observation, Simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.contract import Decision, Policy, PolicyError, PolicyInput, Query, check_chunk
 from robogauntlet.results.record import Status
@@ -151,7 +151,7 @@ def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
         nonlocal start
         state = simulation.privileged_state()
         tool.append(state["tcp_position"])
-        if step == 0 and simulation.action_spec.joints:
+        if step == 0 and simulation.action_spec.body.moves is Moves.TARGETS:
             start = state["joint_angles"]
         for name, value in state.items():
             if name.endswith("_position") and name != "tcp_position" and np.shape(value) == (3,):

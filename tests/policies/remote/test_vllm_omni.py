@@ -103,13 +103,13 @@ WRONG = {
     "targets": (
         {"action_space": "joint_position"},
         {},
-        "expected displacements of the tool, got the action_space joint_position; give option joints",
+        "expected motions of the tool, got the action_space joint_position; give options joints",
     ),
-    "poses": ({"action_space": "cartesian_position"}, {}, "expected displacements .* action_space cartesian_position"),
+    "poses": ({"action_space": "cartesian_position"}, {}, "expected motions .* action_space cartesian_position"),
     "velocities": (
         {"action_space": "joint_velocity"},
         {"joints": 7, "gripper_open": 0, "gripper_closed": 1},
-        "expected targets of joints, as option joints says, got the action_space joint_velocity",
+        "expected targets of joints, as options say, got the action_space joint_velocity; give .* velocity_scale",
     ),
     "a space of tools": (
         {"action_space": "delta_eef"},
@@ -127,11 +127,12 @@ def test_a_configuration_that_the_options_do_not_meet_is_one_line(name):
         remote(address, **options)
 
 
-def test_targets_of_joints_and_fields_that_are_unknown_or_missing_are_taken():
+@pytest.mark.parametrize(("space", "scale"), [("joint_position", {}), ("joint_velocity", {"velocity_scale": 3.0})])
+def test_numbers_of_joints_and_fields_that_are_unknown_or_missing_are_taken(space, scale):
     of_joints = {"joints": 7, "gripper_open": 0, "gripper_closed": 1, "cameras": {"third_person": "image"}}
-    config = {"needs_session_id": False, "action_space": "joint_position", "action_keys": ["actions"], "max_cameras": 3}
+    config = {"needs_session_id": False, "action_space": space, "action_keys": ["actions"], "max_cameras": 3}
     with serving(config, lambda _: np.zeros((1, 8), np.float32)) as address:
-        (decision,) = remote(address, **of_joints).act([query(joints=7)])
+        (decision,) = remote(address, **of_joints, **scale).act([query(joints=7)])
     np.testing.assert_array_equal(decision.actions, [[0, 0, 0, 0, 0, 0, 0, -1]])
 
 

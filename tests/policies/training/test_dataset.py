@@ -91,6 +91,15 @@ def test_demonstrations_with_the_targets_of_joints_are_read_back_with_their_name
     assert mixture.statistics.of("null/Reach").of_joints
 
 
+def test_velocities_of_joints_of_two_arms_are_read_back_and_end_with_their_episode(tmp_path):
+    body = Body(2, ("shoulder", "elbow"), velocities=True)
+    recorded = recording(states=np.ones((12, 6)), actions=np.full((12, 6), 0.5), body=body)
+    write(tmp_path, [recorded])
+    read = Demonstrations(tmp_path)
+    assert read.spec.body == body
+    assert np.array_equal(read.batch(np.array([11])).actions[0, 1], [0.0, 0.0, 0.5] * 2)
+
+
 def test_a_chunk_ends_with_its_episode(dataset, recordings):
     batch = dataset.batch(np.array([0, 3, 5]))
     assert batch.actions.shape == (3, 8, 7)

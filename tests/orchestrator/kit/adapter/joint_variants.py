@@ -30,10 +30,10 @@ class WithJoints(Variant):
         joints = tuple(Joint(name, -6.0, 6.0, 0.3) for name in JOINTS)
         self.action_spec = ActionSpec(0.0, 0.0, 20.0, joints=joints)
 
-    def __init_subclass__(cls, joints=JOINTS):
+    def __init_subclass__(cls, joints=JOINTS, velocities=False):
         super().__init_subclass__()
         declared = VARIANTS[cls.__name__.lower()]
-        tasks = {name: replace(task, joints=joints) for name, task in declared.tasks.items()}
+        tasks = {name: replace(task, joints=joints, velocities=velocities) for name, task in declared.tasks.items()}
         VARIANTS[declared.name] = replace(declared, tasks=tasks)
 
     def step(self, action):
@@ -75,6 +75,33 @@ class Planar(WithJoints, joints=JOINTS[:2]):
     def __init__(self, view):
         super().__init__(view)
         self.action_spec = replace(self.action_spec, joints=self.action_spec.joints[:2])
+
+
+class Velocities(WithJoints, velocities=True):
+    """Correct."""
+
+    hz = 20.0
+
+    def __init__(self, view):
+        super().__init__(view)
+        self.action_spec = replace(self.action_spec, velocities=True)
+
+    def step(self, action):
+        spec = self.action_spec
+        targets = self.targets + np.clip(action, spec.low, spec.high)[:-1] / self.hz
+        self.action_spec = replace(spec, velocities=False)
+        try:
+            return super().step(np.append(targets, action[-1]))
+        finally:
+            self.action_spec = spec
+
+
+class VelocitiesPerStep(Velocities, velocities=True):
+    hz = 1.0
+
+
+class SaysTargets(Velocities):
+    pass
 
 
 class JointsInDegrees(WithJoints):

@@ -110,6 +110,8 @@ VIOLATIONS = [
     ("slowjoints", "action-joints", "the target of first to change by its `step`, 0.3 rad, if more is asked for"),
     ("ofatool", "observation", "`of_joints` True, as the ActionSpec says; seen: False"),
     ("otherjoints", "specs", "joints shoulder, elbow, wrist, as the TaskDescription says; seen: first, second, third"),
+    ("velocitiesperstep", "action-joints", "first to turn by +0.10 rad when its target does"),
+    ("saystargets", "specs", "targets of joints, as the TaskDescription says; seen: velocities of joints"),
     ("hidesthetargets", "privileged-state", "`joint_targets`"),
     ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
     ("keepsfiles", "closes", "2 more file descriptor(s)"),
@@ -151,7 +153,7 @@ def test_a_correct_adapter_of_two_arms_fails_no_check_of_its_numbers(subject, ch
 
 
 @pytest.mark.parametrize("check", sorted({c.name for c in (*types.CHECKS, *actions.CHECKS)} - {"oracle"}))
-@pytest.mark.parametrize("variant", ["jointsarecorrect", "planar"])
+@pytest.mark.parametrize("variant", ["jointsarecorrect", "planar", "velocities"])
 def test_a_correct_adapter_of_joints_fails_no_check_of_its_numbers(subject, check, variant):
     assert Level.FAILED not in {result.level for result in CHECKS[check].run(subject(variant))}
 

@@ -63,6 +63,26 @@ def test_units_and_start_of_targets_are_judged(actions, level, text):
 
 
 @pytest.mark.parametrize(
+    ("actions", "topic", "level", "text"),
+    [
+        ([[1.0, -2.0], [0.5, 0.0]], "velocities", Level.OK, "up to 2 rad/s"),
+        (
+            [[1.0, -2.5]] + 3 * [[0.5, 0.0]],
+            "velocities",
+            Level.NOTE,
+            "25 % of the actions are beyond the limit of 2 rad/s",
+        ),
+        ([[57.0, 0.0], [50.0, 0.0]], "velocities", Level.WARNING, "and are clipped: targets, or degrees?"),
+        ([[0.0, 0.0]], "motion", Level.WARNING, "all velocities are 0: the policy stands still"),
+    ],
+)
+def test_velocities_beyond_those_of_the_joints_are_told(actions, topic, level, text):
+    spec = replace(SPEC, velocities=True)
+    findings = {finding.topic: finding for finding in joints.velocities([played(np.array(actions))], spec)}
+    assert (findings[topic].level, text in findings[topic].text) == (level, True), findings
+
+
+@pytest.mark.parametrize(
     ("actions", "level", "text"),
     [
         (np.insert(going(0.05, 0.1), 5, START, axis=0), Level.NOTE, "in 20 % of the steps a joint cannot follow"),
