@@ -86,7 +86,11 @@ def interpreter(simulator: str | None) -> tuple[str, dict[str, str]]:
     from robogauntlet.adapters import catalog
     from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 
-    return EnvironmentResolver({}).subprocess_env(catalog.find(simulator))
+    resolver, found = EnvironmentResolver({}), catalog.find(simulator)
+    if reason := resolver.missing_reason(found):
+        print(reason, file=sys.stderr)
+        sys.exit(LACKING)
+    return resolver.subprocess_env(found)
 
 
 main()

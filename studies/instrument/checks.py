@@ -6,9 +6,7 @@ import json
 import subprocess
 from typing import Any
 
-import yaml
-
-from studies.instrument.draws import SUITE
+from studies.instrument.draws import policies
 from studies.instrument.instrument import DEFECTS
 from studies.shared import GAUNTLET, table_of
 
@@ -27,8 +25,7 @@ COLUMNS = {"defect": "{defect}", "beyond the reference": "{found}"}
 
 def measure() -> list[dict[str, Any]]:
     """A row for each defect and each mistake."""
-    plan = yaml.safe_load(SUITE.read_text(encoding="utf-8"))
-    reference, *builds = plan["policies"]
+    reference, *builds = policies()
     wrapped = next(entry for entry in builds if entry["kind"] == "python")
     builds = [entry for entry in builds if entry["name"] in CHECKED]
     builds += [

@@ -43,7 +43,21 @@ def builds() -> dict[str, OpenRun]:
     `robogauntlet resume` continues one of them, and so does calling this again.
     """
     plan = yaml.safe_load(SUITE.read_text(encoding="utf-8"))
-    return {entry["name"]: _played(plan, entry) for entry in plan["policies"]}
+    return {entry["name"]: _played(plan, entry) for entry in policies()}
+
+
+def policies() -> list[dict[str, Any]]:
+    """The policies of the suite; weights with noise are made in the folder, unless they are there."""
+    found: list[dict[str, Any]] = yaml.safe_load(SUITE.read_text(encoding="utf-8"))["policies"]
+    for entry in found:
+        name = Path(entry["options"].get("folder", "")).name
+        if name.startswith("noise-"):
+            checkpoint = folder() / name
+            entry["options"]["folder"] = str(checkpoint)
+            if not checkpoint.exists():
+                command = [sys.executable, "-m", "studies.instrument.weights", str(int(name[-2:]) / 100)]
+                subprocess.run([*command, str(checkpoint)], check=True)
+    return found
 
 
 def _played(plan: dict[str, Any], entry: dict[str, Any]) -> OpenRun:
@@ -51,10 +65,6 @@ def _played(plan: dict[str, Any], entry: dict[str, Any]) -> OpenRun:
     suite, run = folder() / f"suites/{entry['name']}.yaml", folder() / f"played/{entry['name']}"
     if (run / RUN_FILE).exists() and robogauntlet.open_run(run).document.status is RunStatus.COMPLETE:
         return robogauntlet.open_run(run)
-    checkpoint = Path(entry["options"].get("folder", ""))
-    if checkpoint.name.startswith("noise-") and not checkpoint.exists():
-        size = int(checkpoint.name.removeprefix("noise-")) / 100
-        subprocess.run([sys.executable, "-m", "studies.instrument.weights", str(size), str(checkpoint)], check=True)
     suite.parent.mkdir(parents=True, exist_ok=True)
     suite.write_text(
         yaml.safe_dump({**plan, "policies": [{**entry, "name": POLICY}]}, sort_keys=False), encoding="utf-8"

@@ -97,8 +97,8 @@ def _row(name: str, part: pd.DataFrame, policy: str) -> dict[str, Any]:
     else:
         loss = paired_difference(pairs, CONFIDENCE)
     assert loss is not None
-    ends = loss.interval
-    assert ends is not None
+    if (ends := loss.interval) is None:  # all seeds are alike
+        return row | {"loss": f"{100 * loss.value:+.1f}", "verdict": "neither shown"}
     margin = MARGINS.get(name, MARGIN)
     verdicts = []
     if ends.low > 0 or ends.high < 0:
