@@ -51,12 +51,12 @@ LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_792,
     "adapters": 8_999,
-    "policies": 8_525,
+    "policies": 8_542,
     "mergevla": 9_389,
     "results": 15_622,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 51_526,
+    "tests": 51_562,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

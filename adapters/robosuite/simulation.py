@@ -166,7 +166,7 @@ class RobosuiteSimulation(MujocoSimulation):
             self._joints.begin()
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply `action` for one control step (25 physics steps). Never renders."""
+        """Apply `action` for one control step (25 physics steps, by joints 33). Never renders."""
         spec = self.action_spec
         command = np.clip(action, spec.low, spec.high)
         self._control.step(command if self._joints else command / spec.high)

@@ -79,6 +79,8 @@ class Checkpoint:
             left_out |= {"joints", "joint_scale"}
         if self.options.velocity_scale is None:
             left_out |= {"velocity_scale"}
+        if self.options.arms == 1:
+            left_out |= {"arms"}
         conversion = self.options.model_dump(mode="json", exclude=left_out)
         try:
             states = [(path, path.stat()) for path in files(self.folder)]
@@ -203,7 +205,7 @@ def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     numbers = options.width if options.joints else PROPRIOCEPTION_DIM
     if state is not None and shapes[state] != (numbers,):
         meaning = "joints, gripper" if options.joints else "position, axis-angle, fingers"
-        hint = "" if options.joints else "; for the joints of an SO-101 give option convention: so101"
+        hint = "" if options.joints else "; for joints give option convention: so101 or droid, or joints"
         raise mismatch(
             f"expected {state} of {numbers} numbers ({meaning}), the checkpoint was trained on {shapes[state]}{hint}"
         )

@@ -63,11 +63,11 @@ def encode_proprioception(convention: Convention, observation: Observation, epis
     if keys is None:
         return {}
     if bool(convention.joints) != observation.of_joints or (convention.joints and len(state) != convention.width):
-        wanted = f"{convention.joints} joints" if convention.joints else "a tool that is moved"
-        shown = f"{len(state) - 1} joints" if observation.of_joints else "a tool that is moved"
-        raise PolicyMismatch(f"expected a task with {wanted}, {episode.task} has {shown}; see option joints")
+        wanted = f"{convention.width} numbers of joints" if convention.joints else "a tool that is moved"
+        shown = f"{len(state)} numbers of joints" if observation.of_joints else "a tool that is moved"
+        raise PolicyMismatch(f"expected a task with {wanted}, {episode.task} has {shown}; see options joints and arms")
     if convention.joints:
-        state = _native_joints(convention, state)
+        state = np.concatenate([_native_joints(convention, arm) for arm in np.split(state, convention.arms)])
     elif convention.convention == "libero":
         state = libero.native_proprioception(episode.task, state, observation.hand_quaternion)
     if beyond := [column for columns in keys.values() for column in columns or () if column >= len(state)]:
@@ -76,7 +76,7 @@ def encode_proprioception(convention: Convention, observation: Observation, epis
 
 
 def _native_joints(convention: Convention, state: FloatArray) -> FloatArray:
-    """Return the angles of joints and the gripper's number (n + 1,) in the units of the convention."""
+    """Return the angles of an arm's joints and its gripper's number (n + 1,) in the units of the convention."""
     closed = (state[-1] + 1.0) / 2.0
     gripper = convention.gripper_open + closed * (convention.gripper_closed - convention.gripper_open)
     return np.append(state[:-1] / np.asarray(convention.joint_scale), gripper)
@@ -110,7 +110,7 @@ def resize_image(convention: Convention, image: Image) -> Image:
 
 
 def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArray:
-    """Return an answer's chunk, shape (n, 7) or (n, joints + 1), in the units of `robogauntlet.adapters.contract`.
+    """Return an answer's chunk, shape (n, numbers of an action), in the units of `robogauntlet.adapters.contract`.
 
     Raises PolicyMismatch if the chunk is missing, too short or too narrow, or not finite.
     """
@@ -122,21 +122,28 @@ def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArra
             raise PolicyMismatch(f"option execute: expected {convention.execute} actions or more, got {len(rows)}")
         rows = rows[: convention.execute]
     read = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
+    each, given = np.split(read, convention.arms, axis=1), np.split(np.array(columns, dtype=object), convention.arms)
+    arms = []
+    for arm, own in zip(each, given, strict=True):
+        gripper = arm[:, -1:] if own[-1] is None else _grippers(convention, arm[:, -1:])
+        arms.append(np.concatenate([_moved(convention, arm[:, :-1]), gripper], axis=1))
+    return np.concatenate(arms, axis=1)
+
+
+def _moved(convention: Convention, read: FloatArray) -> FloatArray:
+    """Return the numbers of an arm before its gripper's (n, numbers) in the contract's units."""
     if convention.joints:
-        moved = read[:, :-1] * np.asarray(convention.velocity_scale or convention.joint_scale)
-    else:
-        rotations = as_axis_angles(convention, read[:, 3:-1])
-        moved = np.concatenate([read[:, :3] * convention.translation_scale, rotations], axis=1)
-    chunk = np.concatenate([moved, read[:, -1:]], axis=1)
-    if columns[-1] is not None:
-        span = convention.gripper_closed - convention.gripper_open
-        if convention.gripper_threshold is None and (convention.gripper_open, convention.gripper_closed) == (-1.0, 1.0):
-            pass  # already in the contract's units, so nothing is rounded
-        elif convention.gripper_threshold is None:
-            chunk[:, -1] = 2.0 * (chunk[:, -1] - convention.gripper_open) / span - 1.0
-        else:
-            chunk[:, -1] = np.where((chunk[:, -1] - convention.gripper_threshold) * span > 0, 1.0, -1.0)
-    return chunk
+        return read * np.asarray(convention.velocity_scale or convention.joint_scale)
+    return np.concatenate([read[:, :3] * convention.translation_scale, as_axis_angles(convention, read[:, 3:])], axis=1)
+
+
+def _grippers(convention: Convention, read: FloatArray) -> FloatArray:
+    span = convention.gripper_closed - convention.gripper_open
+    if convention.gripper_threshold is not None:
+        return np.where((read - convention.gripper_threshold) * span > 0, 1.0, -1.0)
+    if (convention.gripper_open, convention.gripper_closed) == (-1.0, 1.0):
+        return read  # already in the contract's units, so nothing is rounded
+    return 2.0 * (read - convention.gripper_open) / span - 1.0
 
 
 def as_axis_angles(convention: Convention, rotations: FloatArray) -> FloatArray:

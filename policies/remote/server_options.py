@@ -153,6 +153,8 @@ class Convention(BaseModel):
     joints: Annotated[int, Field(strict=True, ge=1, le=32)] | None = None
     """number of joints whose targets or velocities the answer has before that of the gripper, and whose angles are sent
     in place of the eight numbers; by default the answer moves the tool"""
+    arms: Literal[1, 2] = 1
+    """arms, each with its joints and gripper in the answer and in what is sent; 2 beside joints only"""
     joint_scale: float | tuple[float, ...] = 1.0
     """radians per unit of a joint, in the answer and in what is sent: of all, or a list"""
     velocity_scale: float | tuple[float, ...] | None = None
@@ -169,7 +171,9 @@ class Convention(BaseModel):
         for keys in self._keys_beside_each_other():
             if len(set(keys)) < len(keys):
                 raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
-        joints = self.width - 1 if self.has_joints else 0
+        joints = self.width // self.arms - 1 if self.has_joints else 0
+        if self.arms > 1 and not joints:
+            raise ValueError(f"arms: expected joints, their number, beside it, got {self.arms} without")
         if self.columns is not None and len(self.columns) != self.width:
             kind = (
                 " for joints and gripper" if joints else f" for a {self.rotation}" if self.turns_by_quaternion else ""
@@ -218,17 +222,21 @@ class Convention(BaseModel):
 
     def resolved(self) -> Self:
         """Return a copy with the options that its convention sets."""
-        preset = PRESETS.get(self.convention, {})
-        if isinstance(self.turn, dict):
-            preset = {name: value for name, value in preset.items() if name != "turn"}
+        preset = {name: value for name, value in PRESETS.get(self.convention, {}).items() if name not in self._instead}
         openpis = type(self).model_fields["cameras"].default == CAMERA_KEYS
         keys = OPENPI_KEYS.get(self.convention, {}) if openpis else {}
         return self.model_copy(update={**{name: keys[name] for name in keys.keys() - self._own}, **preset})
 
     @property
     def _own(self) -> set[str]:
-        """The given options, but for a turn of each camera: a convention's is one of all."""
-        return self.model_fields_set - ({"turn"} if isinstance(self.turn, dict) else set())
+        """The given options, but for those that may take the place of a convention's."""
+        return self.model_fields_set - self._instead
+
+    @property
+    def _instead(self) -> set[str]:
+        """Of the given ones, a turn of each camera, where a convention's is one of all, and targets for velocities."""
+        given = {"turn": isinstance(self.turn, dict), "velocity_scale": self.velocity_scale is None}
+        return {name for name in self.model_fields_set if given.get(name)}
 
     def turn_of(self, camera: str) -> tuple[int, int]:
         """Return the strides through the rows and columns of a camera's images."""
@@ -244,7 +252,7 @@ class Convention(BaseModel):
         """What the answer's numbers before the gripper's are."""
         if not self.has_joints:
             return Moves.TOOL
-        velocities = self.velocity_scale or "velocity_scale" in PRESETS.get(self.convention, {})
+        velocities = self.velocity_scale or "velocity_scale" in PRESETS.get(self.convention, {}).keys() - self._instead
         return Moves.VELOCITIES if velocities else Moves.TARGETS
 
     @property
@@ -269,7 +277,7 @@ class Convention(BaseModel):
     def width(self) -> int:
         """Number of columns that are read of an answer's row."""
         if self.has_joints:
-            return int(self.joints or PRESETS[self.convention]["joints"]) + 1
+            return self.arms * (int(self.joints or PRESETS[self.convention]["joints"]) + 1)
         return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
 
 
@@ -369,7 +377,7 @@ class ServerOptions(Convention):
 _WHO = {"address", "identity", "expected_metadata"}
 _ADDED_DEFAULTS = (
     *(("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle")),
-    *(("joints", None), ("joint_scale", 1.0), ("velocity_scale", None)),
+    *(("joints", None), ("joint_scale", 1.0), ("velocity_scale", None), ("arms", 1)),
 )
 """Defaults of options that were added later: left out of the digest, so that older digests stay the same."""
 CONVENTION_OPTIONS = {name: field.description or "" for name, field in Convention.model_fields.items()}

@@ -83,7 +83,7 @@ def fitted(options: ServerOptions) -> ServerOptions:
             f"its actions do not say {', '.join(missing)}; give each by an option, or all by option convention"
         )
     given, found = options.model_fields_set, {}
-    if options.has_joints:
+    if options.has_joints and options.arms == 1:
         last = options.width - 1
         found = {"actions": (ARM, GRIPPER), "proprioception": {ARM: tuple(range(last)), GRIPPER: (last,)}}
     options = options.model_copy(update={name: value for name, value in found.items() if name not in given})

@@ -100,9 +100,17 @@ def test_a_checkpoint_of_an_so101_plays_its_tasks_and_no_others(bare):
     spec = catalog.spec("lerobot", {"checkpoint": str(folder), "convention": "so101"})
     assert spec.can_act_in("so101/Stack")
     assert not spec.can_act_in("robosuite/Lift")
-    hint = "expected observation.state of 8 numbers .*; for the joints of an SO-101 give option convention: so101"
+    hint = "expected observation.state of 8 numbers .*; for joints give option convention: so101 or droid, or joints"
     with one_line_error(PolicyError, hint):
         catalog.spec("lerobot", {"checkpoint": str(folder)})
+
+
+def test_a_checkpoint_of_droid_plays_tasks_by_velocities_and_not_by_targets(bare):
+    eight = {"observation.images.front": {"shape": [3, 32, 32]}, "observation.state": {"shape": [8]}}
+    folder = bare(input_features=eight, output_features={"action": {"shape": [8]}})
+    spec = catalog.spec("lerobot", {"checkpoint": str(folder), "convention": "droid"})
+    assert spec.can_act_in("robosuite/Lift@DROID-joint-velocity")
+    assert not spec.can_act_in("robosuite/Lift@DROID-joint-position")
 
 
 def test_a_checkpoint_sets_chunk_length_and_image_size(bare):

@@ -161,6 +161,17 @@ def test_other_joints_have_a_scale_each_and_columns_of_their_own():
     )
 
 
+def test_two_arms_have_their_joints_and_grippers_one_after_the_other():
+    options = {"joints": 2, "joint_scale": [0.1, 0.01], "arms": 2, "gripper_open": 0.0, "gripper_closed": 1.0}
+    options = server_options(**options, cameras={"third_person": "image"})
+    state = np.array([0.3, 0.5, 1.0, -0.3, -0.5, -1.0])
+    observation = Observation({"third_person": np.zeros((8, 8, 3), np.uint8)}, state, "lift", of_joints=True)
+    sent = encode_observation(options, observation, EPISODE)
+    np.testing.assert_allclose(sent["observation/state"], [3.0, 50.0, 1.0, -3.0, -50.0, 0.0])
+    np.testing.assert_allclose(decode_chunk(options, {"actions": sent["observation/state"][None]}), state[None])
+    assert options.action_dim == 6
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -172,6 +183,8 @@ def test_other_joints_have_a_scale_each_and_columns_of_their_own():
         ({**SO101, "rotation": "euler"}, "expected no rotation beside joints"),
         ({"joint_scale": 0.5}, "joint_scale: expected joints, their number, beside it"),
         ({"joints": 0}, "joints: "),
+        ({"arms": 2}, "arms: expected joints, their number, beside it, got 2 without"),
+        ({"joints": 2, "arms": 2, "columns": [0, 1, 2]}, "columns: expected 6 places for joints and gripper, got 3"),
         ({"joints": 5, "gripper_open": 100.0}, "expected gripper_closed beside joints, whose gripper has no common"),
         ({"joints": 5}, "expected gripper_closed and gripper_open beside joints"),
     ],
@@ -185,7 +198,7 @@ def test_options_of_joints_that_do_not_fit_are_one_line(options, says):
 def test_a_task_of_other_numbers_is_refused_in_one_line(options, of_joints, numbers):
     shown = Observation({"third_person": np.zeros((8, 8, 3), np.uint8)}, np.zeros(numbers), "go", of_joints)
     given = server_options(**options, cameras={"third_person": "image"})
-    with one_line_error(PolicyMismatch, "expected a task with .*, so101/Stack has .*; see option joints"):
+    with one_line_error(PolicyMismatch, "expected a task with .*, so101/Stack has .*; see options joints and arms"):
         encode_observation(given, shown, Episode("p", "p", "so101/Stack", 0, Protocol(8)))
 
 

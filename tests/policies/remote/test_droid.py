@@ -9,6 +9,7 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query, check_tasks
 from robogauntlet.policies.oracles import scripts
+from robogauntlet.policies.remote.conversion import decode_chunk
 from robogauntlet.policies.remote.server_options import read_options
 from robogauntlet.results.record import Status
 from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, RenderProfile, View
@@ -91,6 +92,13 @@ def test_other_keys_and_sizes_may_be_given_but_no_other_units():
     assert (options.moves, options.action_dim) == (Moves.VELOCITIES, 8)
     with one_line_error(PolicyError, "expected no joints and no velocity_scale, which convention droid sets"):
         read_options({"address": "a:1", **DROID, "joints": 6, "velocity_scale": 1.0})
+
+
+def test_policies_of_droid_by_targets_have_the_same_keys():
+    options = read_options({"address": "a:1", **DROID, "velocity_scale": None})
+    assert (options.moves, options.joints, options.image_size) == (Moves.TARGETS, 7, SIZE)
+    rows = np.append(np.linspace(-1.0, 1.0, 7), 1.0)[None].repeat(10, axis=0)
+    np.testing.assert_allclose(decode_chunk(options, {"actions": rows}), rows[:8])
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
-from robogauntlet.adapters.contract import Observation
-from robogauntlet.policies.contract import PolicyInput, PolicySpec, Query
+from robogauntlet.adapters.contract import Moves, Observation
+from robogauntlet.policies.contract import PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
 from robogauntlet.policies.remote.server_options import read_options
 from robogauntlet.policies.remote.vla_eval import VlaEvalOptions
@@ -16,6 +16,7 @@ from robogauntlet.policies.remote.vla_eval_messages import received
 from robogauntlet.policies.remote.vla_eval_server import LIBERO, native_action, query_of, specs_of, task_and_convention
 from robogauntlet.policies.remote.vla_eval_specs import fitted
 from robogauntlet.suites.episode import Episode, Protocol
+from tests.errors import one_line_error
 
 OURS = {"convention": "robogauntlet", "gripper_open": -1.0, "gripper_closed": 1.0}
 """The units of a server of ours, whose specs say none."""
@@ -99,6 +100,12 @@ def test_images_have_the_size_that_the_policy_was_made_for():
     spec = PolicySpec(PolicyInput.OBSERVATION, 4, image_size=24)
     found = query_of(SOUND, Episode("p", "d", "a/b", 0, Protocol(9)), 0, spec, task_and_convention({}, "")[1])
     assert {image.shape for image in found.observation.images.values()} == {(24, 24, 3)}
+
+
+def test_velocities_of_joints_have_no_words_in_the_protocol():
+    spec = PolicySpec(PolicyInput.OBSERVATION, 4, 8, moves=Moves.VELOCITIES)
+    with one_line_error(PolicyMismatch, "expected a policy of tools or targets of joints, got one of velo"):
+        specs_of(spec, 8)
 
 
 @pytest.mark.parametrize(("joints", "numbers"), [(None, 7), (5, 6)])
