@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 22_792,
-    "adapters": 8_999,
-    "policies": 8_542,
+    "orchestrator": 22_793,
+    "adapters": 9_085,
+    "policies": 8_556,
     "mergevla": 9_389,
     "results": 15_622,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 51_562,
+    "tests": 51_680,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

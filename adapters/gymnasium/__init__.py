@@ -6,6 +6,7 @@ from typing import Any
 from robogauntlet.adapters import references
 from robogauntlet.adapters.contract import Simulation, Simulator, TaskDescription
 from robogauntlet.adapters.gymnasium.mapping import Base, EnvironmentMapping, Moment
+from robogauntlet.adapters.gymnasium.pusht import PushT
 from robogauntlet.adapters.gymnasium.tasks import MAPPINGS
 from robogauntlet.suites.episode import View
 
@@ -50,13 +51,14 @@ def _description(mapping: type[EnvironmentMapping]) -> TaskDescription:
         cameras=mapping.cameras,
         modules=(module,) if colon else (),
         goal=mapping.goal,
+        joints=mapping.action_spec.body.joints,
     )
 
 
 SIMULATOR = declare(
     "gymnasium",
     "gymnasium (by mapping)",
-    MAPPINGS,
-    distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "mujoco", "pybullet"),
+    (*MAPPINGS, PushT),
+    distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "gym-pusht", "mujoco", "pybullet"),
     references=(references.GYMNASIUM_ROBOTICS, references.MUJOCO),
 )

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Goal
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, Goal, Image
 from robogauntlet.adapters.frames import relative_pose
 from robogauntlet.suites.episode import CAMERAS
 
@@ -25,6 +25,8 @@ class Moment:
     info: Mapping[str, Any]
     reward: float = 0.0
     terminated: bool = False
+    action: FloatArray | None = None
+    """The environment's action, None after a reset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,15 +93,25 @@ class EnvironmentMapping(ABC):
 
     @abstractmethod
     def action(self, action: FloatArray) -> FloatArray:
-        """Return the environment's action for one of the contract (7,), which is within the bounds."""
+        """Return the environment's action for one of the contract, as `action_spec` has it and within its bounds."""
 
     @abstractmethod
     def success(self, moment: Moment) -> bool:
         """Return whether the task is achieved."""
 
+    def image(self, moment: Moment, size: int) -> Image:
+        """Return the third-person image where the engine is not MuJoCo, (size, size, 3).
+
+        By default what the environment's `render` draws, cropped to a square and scaled.
+        """
+        from PIL import Image as Pillow
+        from PIL import ImageOps
+
+        return np.array(ImageOps.fit(Pillow.fromarray(moment.world.render()), (size, size)))
+
     def camera(self, name: str, moment: Moment) -> Any:
         """Return one of `cameras`: in MuJoCo a name in the model, or an `MjvCamera` (see `orbit_camera`).
 
-        Other environments are drawn by their `render`, and are not asked.
+        Other environments are drawn by `image`, and are not asked.
         """
         raise NotImplementedError(f"{type(self).__name__}.camera: name a camera of MuJoCo's model for '{name}'")

@@ -12,8 +12,6 @@ from copy import copy
 from typing import Any
 
 import numpy as np
-from PIL import Image as Pillow
-from PIL import ImageOps
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import FloatArray, Image, StepOutcome, TaskUnavailable
@@ -48,7 +46,7 @@ class GymnasiumSimulation(BaseSimulation):
         self._ended: StepOutcome | None = None
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply `action` (7,) for one step. The reward is the environment's.
+        """Apply `action`, of the mapping's `action_spec`, for one step. The reward is the environment's.
 
         The episode ends where the environment says `terminated`, or `truncated` by a limit of its own, since gymnasium
         does not say what a step after either does. It stays as it ended.
@@ -58,7 +56,7 @@ class GymnasiumSimulation(BaseSimulation):
         command = self._mapping.action(np.clip(action, self.action_spec.low, self.action_spec.high))
         dtype = self._env.action_space.dtype
         observation, reward, terminated, truncated, info = self._env.step(np.asarray(command).astype(dtype))
-        self._moment = Moment(self._world, observation, info, float(reward), bool(terminated))
+        self._moment = Moment(self._world, observation, info, float(reward), bool(terminated), command)
         success, over = self._mapping.success(self._moment), bool(terminated or truncated)
         if over:
             self._ended = StepOutcome(0.0, success, terminated=True)
@@ -76,9 +74,9 @@ class GymnasiumSimulation(BaseSimulation):
         return hash_state(seen | (mujoco_state(self._world.model, self._world.data) if self._scene else {}))
 
     def draw(self, camera: str, size: int) -> Image:
-        """Render a camera of the mapping, (size, size, 3); images of `render` are cropped to a square and scaled."""
+        """Render a camera of the mapping, (size, size, 3)."""
         if self._scene is None:
-            return np.array(ImageOps.fit(Pillow.fromarray(self._env.render()), (size, size)))
+            return self._mapping.image(self._moment, size)
         world, data = self._world, self._world.data
         # gymnasium-robotics' callback, which places the goal's marker relative to the site's last pose, changes more.
         world.data, sites = copy(data), world.model.site_pos.copy()

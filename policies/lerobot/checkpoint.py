@@ -69,8 +69,10 @@ class Checkpoint:
 
     folder: Path
     options: LeRobotOptions
-    """With the cameras that match by name, and without proprioception if it was trained without."""
+    """With the cameras that match by name, without proprioception or a gripper if it was trained without."""
     spec: PolicySpec
+    numbers: int
+    """Numbers of the state that it is given: of joints it may be trained without that of the gripper, which is last."""
 
     def digest(self) -> str:
         """Return the hash of the checkpoint's files and of the conversions; not of its folder or device."""
@@ -112,7 +114,11 @@ def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
     state = options.proprioception if options.proprioception in declared.shapes else None
     cameras = options.cameras or _cameras(declared, options.convention)
     options = options.model_copy(update={"cameras": cameras, "proprioception": state})
-    return Checkpoint(folder, options, _spec(options, declared))
+    joints = _without_gripper(options)
+    if joints and not options.columns and declared.shapes.get(ACTION) == (joints,):
+        options = options.model_copy(update={"columns": (*range(joints), None)})
+    numbers = declared.shapes[state][0] if state else 0
+    return Checkpoint(folder, options, _spec(options, declared), numbers)
 
 
 def files(folder: Path) -> tuple[Path, ...]:
@@ -189,6 +195,11 @@ def _cameras(declared: _Declared, convention: str) -> dict[str, str]:
     return named
 
 
+def _without_gripper(options: LeRobotOptions) -> int:
+    """Numbers of an action and of the state of an arm of joints that was trained without a gripper; 0 for others."""
+    return options.joints or 0 if options.arms == 1 else 0
+
+
 def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     """Return the policy's spec, if the options cover the features that the checkpoint was trained on."""
     shapes = declared.shapes
@@ -203,7 +214,7 @@ def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     if lacking := [name for name in shapes if name not in (ACTION, *given, *declared.unfilled)]:
         raise mismatch(f"the checkpoint needs {lacking[0]}, which no option provides; see docs/your-policy.md")
     numbers = options.width if options.joints else PROPRIOCEPTION_DIM
-    if state is not None and shapes[state] != (numbers,):
+    if state is not None and shapes[state] not in {(numbers,), (_without_gripper(options) or numbers,)}:
         meaning = "joints, gripper" if options.joints else "position, axis-angle, fingers"
         hint = "" if options.joints else "; for joints give option convention: so101 or droid, or joints"
         raise mismatch(

@@ -87,7 +87,8 @@ class LeRobotPolicy:
         assert observation is not None
         arrays = encode_observation(options, observation, query.episode)
         if options.proprioception is not None:
-            arrays[options.proprioception] = arrays[options.proprioception].astype(np.float32)
+            state = arrays[options.proprioception][: self._checkpoint.numbers]
+            arrays[options.proprioception] = state.astype(np.float32)
         seed = int(content_hash([query.episode.id, query.step]), 16) % 2**63
         message = {
             "episode": query.episode.id,

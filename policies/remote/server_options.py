@@ -52,6 +52,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         **{"joints": 7, "velocity_scale": DROID_STEP * DROID_HZ},
         **{"gripper_open": 0.0, "gripper_closed": 1.0, "gripper_threshold": 0.5},
     },
+    "pusht": {"joints": 2, "joint_scale": 0.001, "gripper_open": -1.0, "gripper_closed": 1.0},
 }
 """Convention to the options that it sets."""
 DROID_CAMERAS = "observation/exterior_image_1_left", "observation/wrist_image_left"
@@ -115,10 +116,11 @@ class Convention(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    convention: Literal["robogauntlet", "libero", "so101", "droid"] = "robogauntlet"
+    convention: Literal["robogauntlet", "libero", "so101", "droid", "pusht"] = "robogauntlet"
     """robogauntlet, or libero for policies trained on LIBERO's own data, which sets turn, rotation and the scales, or
-    so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers, or droid
-    for openpi's of DROID, which sets joints, velocity_scale and the gripper's numbers"""
+    so101 for LeRobot's SO-100 and SO-101 in degrees or pusht for gymnasium/PushT-v0 in pixels, which set joints,
+    joint_scale and the gripper's numbers, or droid for openpi's of DROID, which sets joints, velocity_scale and the
+    gripper's numbers"""
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """camera to the server's key"""
     proprioception: StateKeys = STATE_KEY

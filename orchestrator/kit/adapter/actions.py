@@ -196,8 +196,9 @@ def joints(subject: CheckedTask) -> Iterator[Violation]:
         action[index] = (2.0 if spec.velocities else 1.0) * (spec.high if upwards else spec.low)[index]
         simulation.step(action)
         stepped = abs(simulation.privileged_state()[f"{arm}joint_targets"][place] - target)
-        expected = f"the target of {name} to change by its `step`, {joint.step:g} rad, if more is asked for"
-        yield from expect(abs(stepped - joint.step) <= 1e-3, expected, f"{stepped:.3f} rad")
+        most = min(joint.step, joint.high - target if upwards else target - joint.low)
+        expected = f"the target of {name} to change by {most:g} rad, its `step` or what its range leaves"
+        yield from expect(abs(stepped - most) <= 1e-3, expected, f"{stepped:.3f} rad")
 
 
 @check("action-gripper", look="Simulation.step and finger_positions: -1 opens, +1 closes")

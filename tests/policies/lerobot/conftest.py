@@ -6,13 +6,21 @@ import pytest
 
 from robogauntlet.policies.lerobot.checkpoint import FILES
 from tests.own_environments import python_of
-from tests.processes import run_gauntlet
+from tests.processes import run_gauntlet, run_process
 
 
 @pytest.fixture(scope="session")
 def python():
     """The Python of LeRobot's environment, as `env create` makes it on this machine."""
     return python_of("lerobot")
+
+
+@pytest.fixture(scope="session")
+def newer(python):
+    """The Python of LeRobot 0.6.1."""
+    if run_process([python, "-c", "import sys; sys.exit(sys.version_info < (3, 12))"]).returncode:
+        pytest.skip("this machine has no Python 3.12 or 3.13, so LeRobot 0.4.4 is played")
+    return python
 
 
 @pytest.fixture(scope="session", params=["as made here", pytest.param("0.4.4", marks=pytest.mark.nightly)])

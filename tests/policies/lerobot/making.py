@@ -1,7 +1,7 @@
 """Runs in an environment with LeRobot.
 
 `making.py FOLDER KIND...` makes small checkpoints of random weights and computes LeRobot's actions, `making.py FOLDER
---only-act SIZE` makes one for images of that size (px).
+--only-act SIZE` makes one for images of that size (px), and `making.py FOLDER --pusht` one for PushT.
 """
 
 import os
@@ -17,14 +17,6 @@ SIZE, STATE, DIM = 32, 8, 7
 
 
 def make(kind, folder, size=SIZE):
-    from lerobot.configs.types import FeatureType, PolicyFeature
-    from lerobot.policies.factory import get_policy_class, make_policy_config, make_pre_post_processors
-
-    image, state = "observation.images.third_person", "observation.state"
-    seen = {
-        image: PolicyFeature(FeatureType.VISUAL, (3, size, size)),
-        state: PolicyFeature(FeatureType.STATE, (STATE,)),
-    }
     sizes = {
         "act": {
             "chunk_size": 6,
@@ -65,28 +57,51 @@ def make(kind, folder, size=SIZE):
             "image_resolution": (56, 56),
         },
     }
-    done = {"action": PolicyFeature(FeatureType.ACTION, (DIM,))}
-    config = make_policy_config(kind, input_features=seen, output_features=done, device="cpu", **sizes[kind])
     if kind == "smolvla":
         language.write_vision_language_model(folder.parent / "vlm")
     elif kind == "pi05":
         language.make_pi05_small()
         language.write_tokenizer(folder.parent / language.TOKENIZER)
         os.chdir(folder.parent)  # where it is found by the name that LeRobot gives it
-    torch.manual_seed(7)
+    numbers = {
+        "observation.images.third_person": {"mean": 0.4, "std": 0.3, "min": 0.0, "max": 1.0},
+        "observation.state": {"mean": 0.1, "std": 0.5, "min": -1.0, "max": 1.0, "q01": -0.9, "q99": 0.9},
+        "action": {"mean": 0.001, "std": 0.02, "min": -0.05, "max": 0.05, "q01": -0.04, "q99": 0.04},
+    }
+    write(kind, folder, sizes[kind], numbers, ((3, size, size), (STATE,), (DIM,)), seed=7)
+    if kind == "pi05":
+        language.name_tokenizer(folder, folder.parent / language.TOKENIZER)
+
+
+def make_pusht(folder):
+    """Make an ACT whose targets are all over the board."""
+    sizes = {"chunk_size": 10, "n_action_steps": 5, "dim_model": 32, "n_heads": 2, "dim_feedforward": 32}
+    sizes |= {"n_encoder_layers": 1, "n_vae_encoder_layers": 1, "latent_dim": 4, "pretrained_backbone_weights": None}
+    numbers = {
+        "observation.image": {"mean": 0.5, "std": 0.3},
+        "observation.state": {"mean": 256.0, "std": 100.0},
+        "action": {"mean": 256.0, "std": 110.0},
+    }
+    write("act", folder, sizes, numbers, ((3, 96, 96), (2,), (2,)), seed=6)
+
+
+def write(kind, folder, sizes, numbers, shapes, seed):
+    """Write a checkpoint of random weights with these statistics; names and shapes are of image, state and action."""
+    from lerobot.configs.types import FeatureType, PolicyFeature
+    from lerobot.policies.factory import get_policy_class, make_policy_config, make_pre_post_processors
+
+    kinds = (FeatureType.VISUAL, FeatureType.STATE, FeatureType.ACTION)
+    image, state, action = map(PolicyFeature, kinds, shapes)
+    seen, done = zip(numbers, (image, state), strict=False), {"action": action}
+    config = make_policy_config(kind, input_features=dict(seen), output_features=done, device="cpu", **sizes)
+    torch.manual_seed(seed)
     policy = get_policy_class(kind)(config)
     statistics = {
-        name: {key: torch.full(shape, value) for key, value in values.items()}
-        for name, shape, values in (
-            (image, (3, 1, 1), {"mean": 0.4, "std": 0.3, "min": 0.0, "max": 1.0}),
-            (state, (STATE,), {"mean": 0.1, "std": 0.5, "min": -1.0, "max": 1.0, "q01": -0.9, "q99": 0.9}),
-            ("action", (DIM,), {"mean": 0.001, "std": 0.02, "min": -0.05, "max": 0.05, "q01": -0.04, "q99": 0.04}),
-        )
+        name: {key: torch.full((3, 1, 1) if len(shape) > 1 else shape, value) for key, value in values.items()}
+        for (name, values), shape in zip(numbers.items(), shapes, strict=True)
     }
     for part in (policy, *make_pre_post_processors(config, dataset_stats=statistics)):
         part.save_pretrained(folder)
-    if kind == "pi05":
-        language.name_tokenizer(folder, folder.parent / language.TOKENIZER)
 
 
 def answer(folder, kind):
@@ -118,6 +133,9 @@ if __name__ == "__main__":
     from robogauntlet.policies.lerobot.child import torchvision_beside_any_torch
 
     torchvision_beside_any_torch(torch)
+    if "--pusht" in sys.argv:
+        make_pusht(Path(sys.argv[1]))
+        sys.exit()
     if "--only-act" in sys.argv:
         make("act", Path(sys.argv[1]), int(sys.argv[3]))
         sys.exit()

@@ -11,15 +11,6 @@ from robogauntlet.policies.contract import PolicyError
 from tests.errors import one_line_error
 from tests.policies.lerobot import language
 from tests.policies.lerobot.asking import CHUNK, answers, make
-from tests.processes import run_process
-
-
-@pytest.fixture(scope="module")
-def newer(python):
-    """The Python of LeRobot 0.6.1."""
-    if run_process([python, "-c", "import sys; sys.exit(sys.version_info < (3, 12))"]).returncode:
-        pytest.skip("this machine has no Python 3.12 or 3.13, so LeRobot 0.4.4 is played")
-    return python
 
 
 @pytest.fixture(scope="module")

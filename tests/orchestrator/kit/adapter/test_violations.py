@@ -107,7 +107,7 @@ VIOLATIONS = [
     ("jointsswapped", "action-joints", "first to turn by +0.10 rad when its target does, and no other joint; seen: "),
     ("jacobianofanotherarm", "action-joints", "with first, as tcp_jacobian says"),
     ("jointsunlimited", "action-clipped", "3 times the bounds to do what the bounds do"),
-    ("slowjoints", "action-joints", "the target of first to change by its `step`, 0.3 rad, if more is asked for"),
+    ("slowjoints", "action-joints", "the target of first to change by 0.3 rad, its `step` or what its range leaves"),
     ("ofatool", "observation", "`of_joints` True, as the ActionSpec says; seen: False"),
     ("otherjoints", "specs", "joints shoulder, elbow, wrist, as the TaskDescription says; seen: first, second, third"),
     ("velocitiesperstep", "action-joints", "first to turn by +0.10 rad when its target does"),
