@@ -17,7 +17,7 @@ from studies.percent import few
 from studies.shared import TASKS, open_task, table_of
 
 SEEDS = few(5, 1)
-STEPS, REPLAN = 40, 4
+STEPS, REPLAN = few(40, 8), 4
 """Length and observations of a typical episode of a learned policy."""
 SEVERITY = 4
 VIEW = View(image_size=96, render_profile=RenderProfile.FAST)

@@ -50,7 +50,7 @@ def measure() -> list[dict[str, object]]:
     environment = Environment("vla-eval", HARNESS, "the benchmark")
     create(environment, print)
     rows: list[dict[str, object]] = []
-    for task in TASKS:
+    for task in TASKS[: few(len(TASKS), 1)]:
         for workers in (1, 2):
             for row in compare(play(environment.python, task, workers), workers):
                 rows.append({"task": task, "workers": workers, **row})
