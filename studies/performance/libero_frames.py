@@ -1,5 +1,6 @@
 """The same as `frames` in LIBERO, after `robogauntlet env create libero`."""
 
+from studies.percent import few
 from studies.performance import frames
 
 TASKS = (
@@ -13,4 +14,4 @@ TASKS = (
 
 def measure() -> list[dict[str, object]]:
     """Milliseconds per observation of one camera of 96 px, medians, and triangles drawn."""
-    return frames.measure(TASKS)
+    return frames.measure(TASKS[: few(len(TASKS))])
