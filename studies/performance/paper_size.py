@@ -6,6 +6,7 @@
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -65,9 +66,9 @@ def measure() -> list[dict[str, Any]]:
 
 def steps(folder: Path) -> list[dict[str, Any]]:
     """Run the steps in a folder."""
-    code = f"from pathlib import Path; from studies.performance.paper_size import *; in_folder(Path({str(folder)!r}))"
-    run(["python", "-c", code + ".base()"], folder)
-    run(["python", "-c", code + ".experts()"], folder)
+    code = f"from pathlib import Path; from {__name__} import InFolder; InFolder(Path({str(folder)!r}))"
+    run([sys.executable, "-c", code + ".base()"], folder)
+    run([sys.executable, "-c", code + ".experts()"], folder)
     merge = ["mergevla", "merge", "experts", "--operator", "ties", "--trunk", "mean", "--out", "merged"]
     rows = [row("four experts merged: TIES, task masks, averaged trunk, k = 1", merge, folder, "merged")]
     shutil.rmtree(folder / "experts")
@@ -111,12 +112,11 @@ def run(command: Sequence[str], folder: Path) -> dict[str, float]:
 
     `own` is memory that only they hold, `mapped` that of files which they read, which the system can take back.
     """
-    words = [word if word != "python" else GAUNTLET[0] for word in command]
     paths = [str(Path(__file__).parents[2]), str(Path(__file__).parents[2] / "src")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OMP_NUM_THREADS": "1"}
     start, own, mapped = time.monotonic(), 0.0, 0.0
     with (folder / "output.txt").open("ab") as output:
-        process = subprocess.Popen(words, cwd=folder, env=environment, stdout=output, stderr=output)
+        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=output, stderr=output)
         while process.poll() is None:
             sizes = [_memory(member) for member in _tree(process.pid)]
             own, mapped = max(own, sum(size[0] for size in sizes)), max(mapped, *(size[1] for size in sizes), 0.0)
@@ -182,6 +182,3 @@ class InFolder:
                         weight.copy_(torch.randn(weight.shape) * SPREAD)
             metadata = CheckpointMetadata(model.architecture, task_statistics(seed, task), lora=lora)
             save_checkpoint(self.folder / "experts" / str(seed), model.bfloat16(), metadata, base=self.folder / "base")
-
-
-in_folder = InFolder
