@@ -37,6 +37,18 @@ class SlidingFingers:
         return sum(abs(float(qpos[0])) for qpos in self._qpos)
 
 
+class NoFingers:
+    """What an arm has that holds a tool in place of a gripper."""
+
+    def positions(self) -> FloatArray:
+        """Return zeros, shape (2,) (m)."""
+        return np.zeros(2)
+
+    def opening(self) -> float:
+        """Return 0 (m)."""
+        return 0.0
+
+
 class Pads:
     """Fingers of any other mechanism: half the gap between their pads, beyond that of the closed gripper."""
 

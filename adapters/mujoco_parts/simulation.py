@@ -23,7 +23,7 @@ from robogauntlet.adapters.contract import (
 from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
-from robogauntlet.adapters.mujoco_parts.fingers import Fingers, Pads, SlidingFingers
+from robogauntlet.adapters.mujoco_parts.fingers import Fingers, NoFingers, Pads, SlidingFingers
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
@@ -109,13 +109,15 @@ class MujocoSimulation(BaseSimulation):
         fingers: list[str],
         pads: tuple[Sequence[str], Sequence[str]] | None = None,
     ) -> None:
-        """Take the names of a robot's base body, the tool's site and body, and the gripper's joints.
+        """Take the names of a robot's base body, the tool's site and body, and the gripper's joints, if it has any.
 
         `pads` has the shapes at the fingertips of each side, where the joints are no slides. Of two arms, the first is
         taken first; all but the second's own numbers are in the frame of its base.
         """
         physics = MujocoPhysics(self._mujoco, self._model, self._data, base)
-        side: Fingers = Pads(physics, hand, pads) if pads else SlidingFingers(physics, fingers)
+        side: Fingers = NoFingers()
+        if fingers:
+            side = Pads(physics, hand, pads) if pads else SlidingFingers(physics, fingers)
         # The hand, not the site in it: along its y axis the fingers open, as in the other simulators.
         prefix, tool, body = ARM_PREFIXES[len(self._arms)], self._data.site(tool_centre), self._data.body(hand)
         self._arms.append(_Arm(prefix, base, fingers, physics, tool, body, side))

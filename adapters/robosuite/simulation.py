@@ -26,7 +26,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import GRIPPER, ActionSpec, FloatArray, Moves, StepOutcome
+from robogauntlet.adapters.contract import GRIPPER, ActionSpec, FloatArray, Moves, StepOutcome, names_of_arms
+from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.motion import standing_still
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
@@ -43,7 +44,8 @@ from robogauntlet.adapters.package_files import files_of
 from robogauntlet.adapters.robosuite import droid
 from robogauntlet.adapters.robosuite.arms import ARMS, DROID, MOVED_BY_JOINTS, PANDA, TWO_PANDAS, split_arm
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
-from robogauntlet.adapters.robosuite.tasks import PARTS, TASKS
+from robogauntlet.adapters.robosuite.tasks import HELD, PARTS, TASKS
+from robogauntlet.adapters.robosuite.wiping import Dirt
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -82,7 +84,7 @@ class RobosuiteSimulation(MujocoSimulation):
             env = robosuite.make(
                 name,
                 robots=[kind] * arms,
-                gripper_types=arm.gripper,
+                gripper_types=HELD.get(name, arm.gripper),
                 control_freq=hz,
                 ignore_done=True,
                 hard_reset=False,
@@ -97,7 +99,8 @@ class RobosuiteSimulation(MujocoSimulation):
         controller = robot.part_controllers["right"]
         share = float(np.sqrt(controller.kp[0])) / 2.0 / CONTROL_HZ  # Of an offset, see the module's docstring.
         translation, rotation = (share * float(controller.output_max[i]) for i in (0, 3))
-        spec = ActionSpec(translation, rotation, hz, arms=arms)
+        ignored = names_of_arms((GRIPPER,), arms) if name in HELD else ()
+        spec = ActionSpec(translation, rotation, hz, ignored, arms)
         if by_joints:
             joints = joints_of(robot, env.sim.model._model)
             spec = ActionSpec(0.0, 0.0, hz, arms=arms, joints=joints, velocities=moves is Moves.VELOCITIES)
@@ -112,6 +115,7 @@ class RobosuiteSimulation(MujocoSimulation):
         for one, tool in zip(env.robots, tools, strict=True):
             gripper = one.gripper["right"]
             self._take_arm(one.robot_model.root_body, *tool, gripper.joints, arm.fingertips(gripper))
+        self._dirt = Dirt(self._physics, env) if name == "Wipe" else None
         places = {name: self._data.body(body) for name, body in self._parts.bodies.items()}
         places |= {name: self._data.body(body) for name, body in self._parts.marks.items()}
         places |= {name: self._data.site(site) for name, site in self._parts.sites.items()}
@@ -121,7 +125,8 @@ class RobosuiteSimulation(MujocoSimulation):
             {name: self._data.joint(joint) for name, joint in self._parts.angles.items()},
         )
         objects = {name: self._parts.bodies[name] for name in self._parts.placed}
-        sampler, attached = self._env.placement_initializer, self._parts.placed
+        sampler, attached = getattr(env, "placement_initializer", None), self._parts.placed
+        moved = (objects or self._parts.bodies).values()
         self._lights = MujocoLights(self._physics)
         self._table = None if "table" in TASKS[task].fixed else MujocoTable(self._physics, self._scene.renderers)
         cameras = MujocoCameras(self._physics)
@@ -132,7 +137,7 @@ class RobosuiteSimulation(MujocoSimulation):
             lights=self._lights,
             objects=RobosuiteObjects(self._physics, objects, attached, sampler) if objects else None,
             arm=MujocoArm(self._physics, self._controller, tools[0]) if arms == 1 else None,
-            dynamics=MujocoDynamics(self._physics, (objects or self._parts.bodies).values()),
+            dynamics=MujocoDynamics(self._physics, moved) if moved else None,
             table=self._table,
         )
         if by_joints:
@@ -140,7 +145,7 @@ class RobosuiteSimulation(MujocoSimulation):
         else:
             base = robot.robot_model.root_body
             fix_frame(self._model, f"{controller.naming_prefix}{controller.part_name}_center", base)
-            self._control = control_loop(self._physics, env) if arms == 1 else env
+            self._control = control_loop(self._physics, env) if arms == 1 and not ignored else env
             self._control.step(np.zeros(env.action_dim))
         self.reset(BUILD_SEED)
         if kind != PANDA and not by_joints:
@@ -155,7 +160,9 @@ class RobosuiteSimulation(MujocoSimulation):
         self.scene_controls.undo()
         generator = np.random.default_rng(seed)
         self._env.rng = generator
-        for sampler in samplers(self._env.placement_initializer):
+        if self._dirt:
+            self._dirt.draw_from(generator)
+        for sampler in samplers(getattr(self._env, "placement_initializer", None)):
             sampler.rng = generator
             for thing in sampler.mujoco_objects:
                 if hasattr(thing, "rng"):  # The hammer draws the side on which it lies from that of its construction.
@@ -169,7 +176,7 @@ class RobosuiteSimulation(MujocoSimulation):
         """Apply `action` for one control step (25 physics steps, by joints 33). Never renders."""
         spec = self.action_spec
         command = np.clip(action, spec.low, spec.high)
-        self._control.step(command if self._joints else command / spec.high)
+        self._control.step(command if self._joints else np.delete(command / spec.high, spec.ignored_indices))
         reward = self._reward()
         # The sparse reward is 1 where the task's predicate holds, else the share of objects that are in their places.
         return StepOutcome(reward=reward, success=reward >= 1.0)
@@ -222,6 +229,8 @@ class RobosuiteSimulation(MujocoSimulation):
     def _reward(self) -> float:
         """Return robosuite's reward; in most steps without the contacts, which it looks up by name."""
         lifted, env = self._parts.lifted, self._env
+        if self._dirt:
+            return self._dirt.wipe()
         if lifted and self._data.body(lifted).xpos[2] <= env.table_offset[2] + LIFTED:
             return 0.0
         return float(env.reward(None))
@@ -235,10 +244,17 @@ class RobosuiteSimulation(MujocoSimulation):
         (its place in the bin). NutAssembly: `nut_*` (the middle of the hole) and `peg_*`. Where there are several, each
         has its own: `can_goal_*`, `square_nut_*`, `square_peg_*` and so on. TwoArmLift: `pot_*`, `handle0_*` and
         `handle1_*` (`handle0` is for the first arm), `second_base_*`. TwoArmHandover: `hammer_*` (the middle of its
-        handle, whose z axis points at the head), `second_base_*`.
+        handle, whose z axis points at the head), `second_base_*`. TwoArmPegInHole: `peg_*` (its axis is z), `plate_*`
+        (whose normal is z), `second_base_*`. Wipe: `dirt_places` (n, 3) and `dirt_wiped` (n,), 1 or 0.
         """
         state = self.arm_state() | self._poses({name: p for name, p in self._places.items() if name != "tcp"})
-        return state | {name: joint.qpos.copy() for name, joint in self._angles.items()}
+        state |= {name: joint.qpos.copy() for name, joint in self._angles.items()}
+        return state | self._dirt.state() if self._dirt else state
+
+    def state_hash(self) -> str:
+        """Hash what `MujocoSimulation` does, and what of the dirt is wiped off."""
+        own = super().state_hash()
+        return hash_state({own: self._dirt.wiped()}) if self._dirt else own
 
 
 def control_loop(physics: MujocoPhysics, env: Any) -> ControlLoop:
@@ -265,5 +281,7 @@ def fix_frame(model: Any, site: str, base: str) -> None:
 
 
 def samplers(root: Any) -> list[Any]:
-    """Return a placement initializer and those nested in it."""
+    """Return a placement initializer, if there is one, and those nested in it."""
+    if root is None:
+        return []
     return [root, *(inner for child in getattr(root, "samplers", {}).values() for inner in samplers(child))]

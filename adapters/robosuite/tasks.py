@@ -54,6 +54,11 @@ WITH_PANDA = {
     **WITH_ANY_ARM,
     **{f"PickPlace{name}": _pick_place(name) for name in GOODS},
     **{f"NutAssembly{name}": _nut_assembly(name) for name in NUTS},
+    "Wipe": TaskDescription(
+        "wipe the dirt off the table",
+        horizon=200,
+        fixed={"objects": "dirt lies where each seed draws its line", "dynamics": "no object is moved"},
+    ),
     "PickPlace": TaskDescription("put all four objects into their compartments of the bin", 1000, fixed=_IN_BINS),
     "NutAssembly": TaskDescription("put both nuts on their pegs", 600, fixed=_AT_PEGS),
 }
@@ -86,6 +91,19 @@ TASKS[name_with("TwoArmHandover", TWO_PANDAS)] = TaskDescription(
     robot=TWO_PANDAS,
     arms=2,
 )
+TASKS[name_with("TwoArmPegInHole", TWO_PANDAS)] = TaskDescription(
+    "put the green peg through the hole in the plate",
+    horizon=100,
+    fixed={
+        "arm": "two arms start together",
+        "objects": "peg and plate are held by the arms",
+        "table": "there is no table",
+    },
+    robot=TWO_PANDAS,
+    arms=2,
+)
+HELD = {"Wipe": "WipingGripper", "TwoArmPegInHole": None}
+"""Tasks whose arms have no gripper, to robosuite's name of the tool in its place, if it is one."""
 BY_JOINT_CONTROL = {DROID: ("Lift", "Stack"), "UR5e": ("Lift", "Stack"), TWO_PANDAS: ("TwoArmLift",)}
 """Arms to the tasks that they play by joints too."""
 TASKS |= {
@@ -141,6 +159,8 @@ PARTS = {
         marks={"second_base": "robot1_base"},
         sites={"handle0": "pot_handle0", "handle1": "pot_handle1"},
     ),
+    "TwoArmPegInHole": Parts(bodies={"peg": "peg_main", "plate": "hole_main"}, marks={"second_base": "robot1_base"}),
+    "Wipe": Parts(),
     "TwoArmHandover": Parts(bodies={"hammer": "hammer_root"}, marks={"second_base": "robot1_base"}),
     "PickPlace": Parts(
         bodies={name.lower(): f"{name}_main" for name in GOODS},

@@ -124,6 +124,21 @@ class Door:
         return go(state, handle(turned) - back * pointing, OPEN, rotation)
 
 
+class Wipe:
+    """Presses the tool on the table, and draws it to the nearest spot of dirt that is left."""
+
+    pressed = 0.012
+    """Depth below the table's top at which the tool is aimed (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        tool, target = state["tcp_position"], state["tcp_position"]
+        left = state["dirt_places"][state["dirt_wiped"] == 0.0]
+        if len(left):
+            target = left[np.linalg.norm((left - tool)[:, :2], axis=1).argmin()] - self.pressed * UP
+        return go(state, target, CLOSED, pointing_down(0.0))
+
+
 def go(state: State, target: FloatArray, gripper: float, rotation: Rotation) -> FloatArray:
     """Return one action (7,) towards a pose, within these oracles' limits."""
     return move(state, target, gripper=gripper, max_step=MAX_STEP, gain=GAIN, rotation=rotation, max_turn=MAX_TURN)
@@ -341,6 +356,7 @@ BY_TASK: dict[str, Callable[[], Script]] = {
     "Lift": Lift,
     "Stack": Stack,
     "Door": Door,
+    "Wipe": Wipe,
     "PickPlace": _pick_place,
     "NutAssembly": _nut_assembly,
     **{f"PickPlace{name.capitalize()}": partial(PickPlace, name, *how) for name, how in GRASPS.items()},

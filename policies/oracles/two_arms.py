@@ -114,6 +114,41 @@ class PassHammer:
         return go(own, target, gripper, leaning(yaw, lean_at(own)))
 
 
+class PegInHole:
+    """Brings the plate between the arms, turns the peg across it, and pushes it through the hole."""
+
+    meeting = np.array([0.58, -0.17, 0.12])
+    """Where the second arm holds the hole (m)."""
+    hole = np.array([0.1, 0.0, 0.0])
+    """The middle of the hole in the frame of the plate, whose normal is z (m)."""
+    to_middle = 0.13
+    """From the tool to the middle of the peg (m)."""
+    outside, inside, away = 0.22, 0.05, 0.18
+    """Distances of the peg's middle from the hole before and after the push, and from which it is off the plate (m)."""
+    aligned, centred = 0.15, 0.04
+    """Angle to the plate's normal (rad) and distance from the hole's axis (m) with which the push begins."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (14,)."""
+        plate = Rotation.from_quat(state["plate_quaternion"])
+        hole, normal = state["plate_position"] + plate.apply(self.hole), plate.apply(UP)
+        normal *= -np.sign(normal[1])  # Away from the side on which the first arm waits.
+        to_hole = hole - state["peg_position"]
+        depth = float(to_hole @ normal)
+        lateral = float(np.linalg.norm(to_hole - depth * normal))
+        rotation = Rotation.from_quat(state["tcp_quaternion"])
+        way = Rotation.from_quat(state["peg_quaternion"]).apply(UP)
+        turn = Rotation.align_vectors(normal, way)[0]
+        ready = lateral < self.centred and float(turn.magnitude()) < self.aligned
+        tool = hole - ((self.inside if ready else self.outside) + self.to_middle) * normal
+        if lateral >= self.centred and depth < self.away:
+            tool = state["tcp_position"] - (self.outside - depth) * normal
+        second = seen_by(ARM_PREFIXES[1], state, ())
+        home = Rotation.from_quat(state["second_base_quaternion"]).inv()
+        held = second["tcp_position"] + home.apply(self.meeting - hole)
+        return np.concatenate([go(state, tool, OPEN, turn * rotation), go(second, held, OPEN, pointing_down(0.0))])
+
+
 class _Cubes:
     """Two arms of ManiSkill with cubes between them."""
 
@@ -256,7 +291,11 @@ def seen_by(arm: str, state: State, things: Sequence[str]) -> State:
     return own
 
 
-BY_TASK: Mapping[str, Callable[[], Script]] = {"TwoArmLift": TwoArmLift, "TwoArmHandover": PassHammer}
+BY_TASK: Mapping[str, Callable[[], Script]] = {
+    "TwoArmLift": TwoArmLift,
+    "TwoArmHandover": PassHammer,
+    "TwoArmPegInHole": PegInHole,
+}
 """robosuite's tasks to their scripts."""
 SCRIPTS: Mapping[str, Callable[[], Script]] = {
     **{f"robosuite/{name}": script_of(name, task, BY_TASK) for name, task in tasks_of_arms(2).items()},

@@ -14,6 +14,7 @@ from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import import_with_mujoco
 from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, unit
+from robogauntlet.policies.oracles.robosuite import Wipe
 from robogauntlet.policies.remote.conversion import encode_observation
 from robogauntlet.policies.remote.server_options import read_options
 from robogauntlet.suites.episode import Episode, Protocol, RenderProfile, View
@@ -215,3 +216,20 @@ def test_convention_libero_gives_the_axis_angle_of_liberos_own_function_in_all_p
         np.testing.assert_allclose(turn, 2.0 * half * np.array(xyz) / np.sin(half), atol=1e-6)
         others += np.abs(turn - seen.proprioception[3:6]).max() > 1e-3
     assert 30 < others < 270, "poses on both branches"
+
+
+def test_a_seed_draws_the_dirt_which_the_oracle_wipes_off():
+    with closing(SIMULATOR.open("Wipe", View(image_size=48))) as simulation:
+        lines = []
+        for seed in (0, 1, 0):
+            simulation.reset(seed)
+            lines.append(simulation.privileged_state()["dirt_places"])
+        assert np.array_equal(lines[0], lines[2])
+        assert not np.array_equal(lines[0], lines[1])
+        before, script = simulation.state_hash(), Wipe()
+        outcomes = [simulation.step(script(simulation.privileged_state())) for _ in range(130)]
+        assert [outcome.reward for outcome in outcomes] == sorted(outcome.reward for outcome in outcomes)
+        assert outcomes[-1].success
+        simulation.reset(0)
+        assert simulation.state_hash() == before
+        assert simulation.privileged_state()["dirt_wiped"].sum() == 0

@@ -67,6 +67,11 @@ def test_the_oracle_hands_the_hammer_over():
 
 
 @pytest.mark.simulator
+def test_the_oracle_puts_the_peg_through_the_hole_with_arms_that_have_no_gripper():
+    assert None not in steps_to_success(SIMULATOR, "TwoArmPegInHole@TwoPandas", [0, 1])
+
+
+@pytest.mark.simulator
 def test_an_episode_is_played_and_recorded_with_all_numbers(opened):
     episode = Episode("oracle", "0", f"robosuite/{TASK}", 3, Protocol(160, 8, opened.view))
     recorded = RecordedSimulation(opened, episode, 0.1)

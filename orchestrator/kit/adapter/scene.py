@@ -55,6 +55,8 @@ def lights_gain(subject: CheckedTask, lights: Lights) -> Iterator[Violation]:
         lights.set_light(Light(np.full(3, 2.0**stops), own.direction))
         after = _images(subject)
         for camera in before:
+            if (before[camera].max(axis=2) >= BRIGHT).mean() > 1.0 - LEAST_LIT and camera != subject.view.cameras[0]:
+                continue  # It sees a white table and little else.
             change, expected = _stops(before[camera], after[camera]), f"{camera} to be darker by {-stops:g} stops"
             if len(change) < LEAST_LIT * before[camera][..., 0].size:
                 yield Violation(expected, "hardly any pixel changes")
