@@ -299,7 +299,7 @@ _ALL = (
         tolerance=25.0,
         summary="Every action is executed this much later: the nearest number of control steps (half a step rounded "
         "up). Until the first action arrives, the robot is commanded to stay in place with its gripper open.",
-        incomparable="it is a number of control steps, which are 50 ms long, or 40 in PyBullet",
+        incomparable="it is a number of control steps, which are 50 ms long, 40 in PyBullet, 67 by robosuite's joints",
         references="latencies of large policies served over a network",
     ),
     Axis(

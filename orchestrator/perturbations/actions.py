@@ -103,7 +103,8 @@ class ActionDelay(PerturbedActions):
 
     def delivered(self) -> Delivered:
         """The delay in whole control steps."""
-        return Delivered(self._checked(1000 * len(self._delayed) / self.action_spec.control_hz))
+        step = 1000 / self.action_spec.control_hz
+        return Delivered(self._checked(step * len(self._delayed), step))
 
 
 def delay_steps(delay_ms: float, control_hz: float, least: int = 1) -> int:

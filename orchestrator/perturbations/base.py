@@ -154,9 +154,9 @@ class Perturbed(PerturbedSimulation):
             raise UnsupportedCondition(f"{self.episode.condition}: this simulation does not let {what}")
         return control
 
-    def _checked(self, value: float) -> float:
-        """The value, or NotDelivered if its distance from the level exceeds the axis' tolerance."""
-        if not abs(value - self.level) <= self.axis.tolerance:
+    def _checked(self, value: float, quantum: float = 0.0) -> float:
+        """The value, or NotDelivered if it is farther from the level than the axis' tolerance and half the quantum."""
+        if not abs(value - self.level) <= max(self.axis.tolerance, 0.5 * quantum + 1e-9):
             raise self._not_delivered(f"expected {self.level:g} {self.axis.unit}, delivered {value:.2f}")
         return value
 

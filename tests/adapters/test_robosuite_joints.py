@@ -108,6 +108,16 @@ def test_noise_moves_the_tool_as_far_as_its_level_says(arms, name):
     assert simulation.delivered().value == pytest.approx(AXES["action-noise"].value(2), rel=0.3)
 
 
+@pytest.mark.simulator
+@pytest.mark.parametrize(("severity", "delivered"), [(1, 200 / 3), (2, 400 / 3), (4, 1000 / 3)])
+def test_a_delay_is_the_nearest_number_of_control_steps_whatever_their_length(arms, severity, delivered):
+    episode = Episode("p", "p", f"robosuite/{VELOCITY}", 0, Protocol(8), Condition("action-delay", severity))
+    simulation = perturbed(arms[VELOCITY], episode)
+    simulation.reset(0)
+    simulation.step(standing_still(simulation))
+    assert simulation.delivered().value == pytest.approx(delivered)
+
+
 @pytest.mark.parametrize(
     ("moves", "task", "other"),
     [
