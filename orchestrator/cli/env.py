@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
@@ -122,8 +123,7 @@ def remove(name: Name) -> None:
 def _best(user: EnvironmentUser) -> Environment:
     """The first declared environment whose Python is at hand; of several, a line says which and why."""
     environments = declared_environments(user)
-    pythons = [(one, python) for one in environments if (python := find_python(one.version)) is not None]
-    chosen, python = pythons[0]
+    chosen, python = next((one, found) for one in environments if (found := find_python(one.version)) is not None)
     if len(environments) > 1:
         new, old = (
             next(item for item in (*one.entry.requirements, *one.entry.without_dependencies) if user.modules[0] in item)
@@ -153,7 +153,7 @@ def _show(name: str, suite: str | None) -> None:
     }
     table = Table(box=None, pad_edge=False, show_header=False)
     for key, value in rows.items():
-        table.add_row(key, value)
+        table.add_row(key, escape(value))
     out.print(table, soft_wrap=True)
     _report_fit(environment, simulator)
 
@@ -189,4 +189,4 @@ def _progress() -> Iterator[Callable[[str], None]]:
         yield print_line
         return
     with out.status("starting") as status:
-        yield lambda line: status.update(line.replace("[", "\\["))
+        yield lambda line: status.update(escape(line))

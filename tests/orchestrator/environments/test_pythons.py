@@ -68,15 +68,14 @@ def test_a_newer_python_gets_a_newer_lerobot_and_a_line_says_so(pretended, creat
 def test_without_a_newer_python_an_older_lerobot_is_made_and_a_line_says_why(pretended, create):
     pretended("first", "exit 127")
     done = create()
-    (line,) = done.out.splitlines()
-    taken, why = line.split(": ", 2)[1:]
+    _, taken, why = done.out.rstrip().split(": ", 2)
     assert taken == f"lerobot==0.4.4 with Python 3.11, {sys.executable}"
     needed = "lerobot[diffusion,pi,smolvla]==0.6.1 needs Python 3.12 or 3.13"
     assert why == f"{needed}, and none that starts is on the PATH or in pyenv"
     assert "would make None" in done.err
 
 
-def test_runs_use_the_preferred_environment_of_those_that_were_made(monkeypatch, tmp_path):
+def test_runs_use_the_preferred_environment_of_those_that_were_made(run_command, monkeypatch, tmp_path):
     monkeypatch.setenv("ROBOGAUNTLET_ENVIRONMENTS", str(tmp_path))
     kind = environment_users()["lerobot"]
     used = []
@@ -85,3 +84,4 @@ def test_runs_use_the_preferred_environment_of_those_that_were_made(monkeypatch,
         (environment.folder / MARKER).write_text("{}")
         used.append(EnvironmentResolver().resolve(kind).version)
     assert used == [RUNNING, "3.13", "3.12"]
+    assert '"requirements": ["lerobot[diffusion,pi,smolvla]==0.6.1"]' in run_command("env", "list", "lerobot").out
