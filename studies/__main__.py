@@ -39,6 +39,9 @@ def main() -> None:
     if wanted.study is None:
         print("\n".join(f"{name:16} {title(name)}" for name in NAMES))
         return
+    known = {path.stem for path in readme(wanted.study).parent.glob("[a-z]*.py")} | set(tables_of(wanted.study))
+    if unknown := [name for name in (*(wanted.measure or ()), *(wanted.keep or ())) if name not in known]:
+        parser.error(f"expected a table of {wanted.study} ({', '.join(tables_of(wanted.study))}), got '{unknown[0]}'")
     try:
         for name in wanted.keep or ():
             keep(wanted.study, name)

@@ -65,6 +65,14 @@ def test_a_hundredth_is_measured_beside_the_whole_and_cannot_be_kept():
     assert (kept.returncode, kept.stderr) == (2, message)
 
 
+def test_a_table_that_a_study_lacks_is_one_line():
+    refused = ended("routing", "--measure", "nope")
+    assert refused.returncode == 2
+    assert refused.stderr.splitlines()[-1].endswith(
+        "expected a table of routing (routers, unknown_tasks, false_alarms, shifted_routing), got 'nope'"
+    )
+
+
 def test_a_share_that_is_no_whole_percent_is_refused():
     refused = ended("oracles", PERCENT="0.5")
     message = "PERCENT: expected a whole number from 1 to 999, got '0.5'\n"
