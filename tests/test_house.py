@@ -51,7 +51,7 @@ LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_796,
     "adapters": 9_175,
-    "policies": 8_611,
+    "policies": 8_621,
     "mergevla": 9_389,
     "results": 15_622,
     "suites": 2_797,

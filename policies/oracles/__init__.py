@@ -20,11 +20,11 @@ _SCRIPT_MODULES: Mapping[str, tuple[str, ...]] = {
     "null": (),
     "maniskill": ("maniskill_motion",),
     "pybullet": (),
-    "robosuite": (),
+    "robosuite": ("joints",),
     "metaworld": (),
     "gymnasium": (),
     "libero": (),
-    "two_arms": ("maniskill_motion", "robosuite"),
+    "two_arms": ("maniskill_motion", "robosuite", "joints"),
     "so101": (),
 }
 """Modules of scripts to the modules beside them, except `motion`, from which they import."""

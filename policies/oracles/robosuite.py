@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.catalog import simulators
 from robogauntlet.adapters.contract import FloatArray, TaskDescription
+from robogauntlet.policies.oracles.joints import ByJoints
 from robogauntlet.policies.oracles.motion import (
     CLOSED,
     OPEN,
-    ByJoints,
     Script,
     State,
     distance,
