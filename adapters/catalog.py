@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, metadata
@@ -115,6 +116,9 @@ def missing_reason(simulator: Simulator) -> str | None:
         remedy = f'install it: pip install "robogauntlet[{simulator.name}]"'
     elif simulator.distributions:
         remedy = f"install it: pip install {' '.join(simulator.distributions)}"
+    newest = simulator.newest_python
+    if newest and sys.version_info[:2] > tuple(map(int, newest.split("."))):
+        remedy += f", with Python {newest}, the newest for which its packages have wheels"
     return f"not installed (no module {missing[0]}); {remedy}"
 
 

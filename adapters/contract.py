@@ -395,5 +395,6 @@ class Simulator:
     """Names of the scene controls of its simulations, out of `adapters.scene_control.ADJUSTABLE`."""
     renders: bool = True
     """False for simulators that do not render (the null simulator)."""
+    newest_python: str = ""  # for which its packages have wheels, such as `3.12`; empty for any
     internal: bool = False
     """True for simulators that test the orchestrator; they are listed only on request."""

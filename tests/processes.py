@@ -44,7 +44,8 @@ def listening_addresses(command):
     found = set()
     for process in (command, *started_by(command)):
         with contextlib.suppress(psutil.NoSuchProcess):
-            sockets = process.net_connections("inet")
+            ask = process.net_connections if hasattr(process, "net_connections") else process.connections  # psutil 5
+            sockets = ask("inet")
             found |= {
                 socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN
             }

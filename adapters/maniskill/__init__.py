@@ -22,4 +22,5 @@ SIMULATOR = Simulator(
     open=_open,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"LP_NUM_THREADS": "1"},
+    newest_python="3.12",
 )

@@ -22,4 +22,5 @@ SIMULATOR = Simulator(
     references=(references.PANDA_GYM, references.PYBULLET),
     open=_open,
     adjusts=ADJUSTABLE,
+    newest_python="3.11",
 )

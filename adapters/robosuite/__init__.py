@@ -22,4 +22,5 @@ SIMULATOR = Simulator(
     open=_open,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"MUJOCO_GL": "egl"},
+    newest_python="3.12",
 )

@@ -7,10 +7,9 @@ import hashlib
 import hmac
 import logging
 from contextlib import suppress
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
 
 from starlette.datastructures import MutableHeaders
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -20,7 +19,7 @@ from robogauntlet.support.text import visible
 
 log = logging.getLogger("robogauntlet.dashboard")
 COOKIE = "robogauntlet"
-LOCAL = ("localhost", "127.0.0.1", "::1", "[::1]")
+LOCAL = ("localhost", "127.0.0.1", "::1")
 OPEN = ("/login", "/static/")
 """Paths that need no token."""
 BEARER = {"www-authenticate": "Bearer"}
@@ -51,9 +50,8 @@ class Guard:
 
     def __init__(self, app: ASGIApp, *, host: str, public_host: str | None, token: str | None) -> None:
         """Protect `app`, which is served at `host` (a name or an address) and known as `public_host`."""
-        self._token = token
-        hosts = [*LOCAL, host.lower(), *filter(None, [public_host])] if is_loopback(host) else ["*"]
-        self._app = TrustedHostMiddleware(app, allowed_hosts=hosts, www_redirect=False)
+        self._app, self._token = app, token
+        self._hosts = {*LOCAL, host.lower(), (public_host or host).lower()} if is_loopback(host) else None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a request, or pass it on."""
@@ -69,7 +67,10 @@ class Guard:
                     headers.setdefault(name, value)
             await send(message)
 
-        answer = None if self._token is None else self._refusal(Request(scope), self._token)
+        request = Request(scope)
+        answer = None if self._token is None else self._refusal(request, self._token)
+        if answer is None and self._hosts is not None and host_of(request) not in self._hosts:
+            answer = line("Invalid host header", 400)
         try:
             await (answer or self._app)(scope, receive, send_guarded)
         except asyncio.CancelledError:  # the server stops and waits no longer
@@ -89,6 +90,20 @@ class Guard:
             wanted = request.url.path + (f"?{request.url.query}" if request.url.query else "")
             return RedirectResponse(f"/login?next={quote(wanted, safe='')}", 303)
         return line("expected the token: Authorization: Bearer TOKEN", 401, BEARER)
+
+
+def host_of(request: Request) -> str | None:
+    """The name or address in a request's Host header, None if that has more or less than a host and a port.
+
+    Starlette's own middleware takes no address of IPv6 in versions that are allowed here.
+    """
+    shown = request.headers.get("host", "")
+    try:
+        parts = urlsplit(f"//{shown}")
+        _ = parts.port  # raises for one that is none
+    except ValueError:
+        return None
+    return parts.hostname if parts.netloc == shown and "@" not in shown else None
 
 
 def is_same(shown: str, expected: str) -> bool:

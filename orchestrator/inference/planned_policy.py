@@ -13,6 +13,7 @@ from dataclasses import asdict
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_jsonable_python
 
 from robogauntlet.adapters.contract import TaskDescription
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
@@ -115,7 +116,7 @@ class _Asked:
                 sys.path[:] = request["path"]
                 self.policy = build_policy(PolicySource(request["kind"], request["options"]))
                 spec = PolicySpec(**_fields(self.policy.spec))
-                return {"spec": _SPEC.dump_python(spec, mode="json", fallback=str)}  # numbers of numpy as digits
+                return {"spec": to_jsonable_python(spec, fallback=str)}  # numbers of numpy as digits
             if isinstance(self.policy, FunctionPolicy | StatefulFunctionPolicy):
                 view = View(tuple(request["cameras"]), request["image_size"])
                 body = {**request["body"], "joints": tuple(request["body"]["joints"])}

@@ -25,7 +25,7 @@ from robogauntlet.support.secret_variables import SECRETS, playing_variables
 
 _LOCAL_ENVIRONMENT: dict[str, str | None] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
-    "RAY_AUTH_MODE": None,  # Ray then sets it to `token` and reads it again, even if its configuration was read before
+    "RAY_AUTH_MODE": "token",  # the default since Ray 2.60 only
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
@@ -80,6 +80,8 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         stack.enter_context(_environment(environment))
         import_ray()
+        if address is None and (config := private("_raylet", "Config")) is not None:
+            config.initialize("")  # reads the variables again: Ray may have been imported before
         stack.enter_context(_on_loopback(address is None))
         import ray
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import sqlite
@@ -25,6 +25,8 @@ from robogauntlet.results.store.sqlite_file import (
 from robogauntlet.support.errors import first_line
 
 BACKENDS = ("sqlite", "postgresql")
+_UNQUOTES = sa.make_url("sqlite:///%41").database == "A"
+"""Whether SQLAlchemy undoes `file_url`'s quotes, as it does since 2.1."""
 _SECRET = re.compile("pass|secret|token|key", re.IGNORECASE)
 """In names of a URL's query: `password`, `sslpassword`, `passfile`, `sslkey`, `oauth_client_secret`."""
 
@@ -222,6 +224,8 @@ def parse(url: str) -> sa.URL:
     if parsed.get_backend_name() not in BACKENDS:
         where = _shown(parsed)
         raise StoreError(f"{where}: expected an sqlite or postgresql URL, got {parsed.get_backend_name()}")
+    if parsed.get_backend_name() == "sqlite" and not _UNQUOTES:
+        parsed = parsed.set(database=unquote(parsed.database or ""))
     if parsed.get_backend_name() == "sqlite" and (reason := why_no_url(parsed)):
         raise StoreError(f"{_shown(parsed)}: {reason}")
     return parsed

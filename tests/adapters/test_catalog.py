@@ -29,6 +29,15 @@ def test_a_missing_simulator_is_reported_with_a_way_to_install_it(name, distribu
     assert catalog.missing_reason(simulator) == f"not installed (no module no_such_module); {remedy}"
 
 
+def test_a_simulator_without_wheels_for_this_python_says_for_which_there_are(monkeypatch):
+    simulator = replace(catalog.find("pybullet"), modules=("no_such_module",))
+    monkeypatch.setattr("sys.version_info", (3, 12, 1))
+    found = catalog.missing_reason(simulator)
+    assert found.endswith("with Python 3.11, the newest for which its packages have wheels")
+    monkeypatch.setattr("sys.version_info", (3, 11, 9))
+    assert catalog.missing_reason(simulator).endswith('pip install "robogauntlet[pybullet]"')
+
+
 def test_a_simulator_without_the_modules_of_any_task_is_not_installed():
     lacking = TaskDescription("reach", 1, modules=("no_such_module",))
     simulator = replace(catalog.find("null"), tasks={"First": lacking})

@@ -1,5 +1,6 @@
 """YAML of strangers is refused in one line before it costs time or memory."""
 
+import sys
 import time
 
 import pytest
@@ -68,7 +69,7 @@ def test_keys_that_occur_twice_are_named_with_their_line():
     ("name", "line"),
     [
         ("x" * 300, "cannot be read: File name too long"),
-        ("a\0b", "cannot be read: embedded null byte"),
+        ("a\0b", f"cannot be read: {'stat: ' if sys.version_info >= (3, 13) else ''}embedded null "),
         (".", "expected a file, this is a directory"),
         ("none.yaml", "no such file; did you mean "),
         ("one.yaml/x", "cannot be read: Not a directory"),

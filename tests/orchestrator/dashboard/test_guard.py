@@ -116,7 +116,11 @@ def test_no_request_changes_anything(filled, method):
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8770", "127.0.0.1.evil.example", "", "[::1", "localhost."]
+    "host",
+    [
+        *("evil.example", "evil.example:8770", "127.0.0.1.evil.example", "", "[::1", "localhost."),
+        *("me@localhost", "localhost/x", "localhost:99999"),
+    ],
 )
 def test_another_host_name_is_refused_on_loopback(filled, host):
     status, body = raw(filled, "/", Host=host)
