@@ -132,6 +132,14 @@ def test_the_image_is_made_of_wheels_extras_and_scripts_that_exist():
     assert [word for word in copied() if "*" not in word and not (ROOT / word).is_file()] == []
 
 
+def test_the_environment_finds_the_interpreter_that_made_it_in_the_image():
+    made_in, played_in = RECIPE.split("\nFROM ${BASE}")[1:]
+    assert " python3-venv\n" in made_in
+    assert "RUN python3 -m venv /opt/robogauntlet\n" in made_in
+    assert " python3 wget " in played_in
+    assert "COPY --from=packages /opt/robogauntlet /opt/robogauntlet\n" in played_in
+
+
 def test_the_build_sees_what_it_copies_and_nothing_else():
     lines = (ROOT / ".dockerignore").read_text().splitlines()
     allowed = {line[1:] for line in lines if line.startswith("!")}
