@@ -36,6 +36,7 @@ from robogauntlet.suites.environments import EnvironmentEntry
 from robogauntlet.suites.episode import Episode, Protocol, RenderProfile, SuccessRule, View
 from studies.libero.libero_experts import EXPERTS, SUITES, suite_of, tasks_of
 from studies.merging.operators import percent
+from studies.percent import few
 from studies.shared import table_of
 from studies.tables import ROOT, WRITTEN, write_episodes
 
@@ -44,7 +45,7 @@ THERE = EnvironmentEntry(
     requirements=(*SIMULATOR.requirements, "anyio>=4", "msgpack>=1", "websockets>=13", "lazyregistry>=0.4"),
     without_dependencies=("hf-libero==0.1.4", "robosuite==1.4.0", "bddl==1.0.1", "vla-eval==0.8.0"),
 )
-EPISODES = 36
+EPISODES = few(36, 1)
 """Of each suite: its expert's tasks from stored state 0, then from 1, and so on."""
 RENDER = RenderProfile.FAST_2
 """As in the experts' demonstrations. What is drawn decides what they do, and not what their actions do."""
