@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 15_626,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 51_839,
+    "tests": 51_878,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

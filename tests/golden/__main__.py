@@ -1,7 +1,8 @@
 """`python -m tests.golden [KIND ...]`: compare the record of the kept runs with what today's tree makes of them.
 
 Exit code 1 if they differ. `--write` makes the record anew. `--play` plays the suite first and keeps its rows; it needs
-the simulators and policies of the suite; `--draw` draws rows instead.
+the simulators and policies of the suite; `--draw` draws rows instead; `--identify` keeps all outcomes under the
+identities that are planned today.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 
 from tests.golden.commands import elsewhere, said
 from tests.golden.drawn import draw
+from tests.golden.identities import identify
 from tests.golden.kept import BASELINE, KINDS, PLAYED, KeptRun
 from tests.golden.record import differences, write
 
@@ -43,15 +45,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--write", action="store_true", help="make the record anew from the kept rows")
     parser.add_argument("--play", action="store_true", help="play the suites first, and keep their rows")
     parser.add_argument("--draw", action="store_true", help="draw their rows instead, where playing them takes long")
+    parser.add_argument("--identify", action="store_true", help="keep the rows under today's identities")
     options = parser.parse_args(arguments)
     if unknown := [kind for kind in options.kinds if kind not in KINDS]:
         parser.error(f"no kind '{unknown[0]}'; there are {', '.join(KINDS)}")
-    making, found = options.write or options.play or options.draw, list[str]()
+    making = options.write or options.play or options.draw or options.identify
+    found = list[str]()
     for kind in options.kinds or KINDS:
         if options.play:
             play(kind)
         if options.draw:
             draw(kind)
+        if options.identify:
+            identify(kind)
         if making:
             write(kind)
         else:
