@@ -22,7 +22,7 @@ LACKING = 3
 
 
 def few(count: int, least: int = 2) -> int:
-    """That share of a count, but so many at least if there are."""
+    """That share of a count; at least `least`, or all if they are fewer."""
     return max(count * PERCENT // 100, min(least, count))
 
 
