@@ -8,8 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.analysis import comparison as analysis
-from robogauntlet.results.analysis import pairwise
+from robogauntlet.results.analysis import comparison as analysis, pairwise
 from robogauntlet.results.analysis.comparison import COLUMNS, Difference, Run, RunComparison, compare_runs
 from robogauntlet.results.analysis.pairwise import PolicyComparisons, PolicyRows
 from robogauntlet.results.analysis.separate_runs import SeparateRuns, are_separate, compare_separate_runs

@@ -104,8 +104,7 @@ class EnvironmentMapping(ABC):
 
         By default what the environment's `render` draws, cropped to a square and scaled.
         """
-        from PIL import Image as Pillow
-        from PIL import ImageOps
+        from PIL import Image as Pillow, ImageOps
 
         return np.array(ImageOps.fit(Pillow.fromarray(moment.world.render()), (size, size)))
 

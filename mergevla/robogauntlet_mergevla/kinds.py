@@ -9,8 +9,7 @@ from typing import Any
 from robogauntlet.adapters.catalog import original
 from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
 from robogauntlet.suites.episode import content_hash
-from robogauntlet_mergevla.checkpoints.merged_metadata import KIND as MERGED_KIND
-from robogauntlet_mergevla.checkpoints.merged_metadata import MergedMetadata, merged_digest_of
+from robogauntlet_mergevla.checkpoints.merged_metadata import KIND as MERGED_KIND, MergedMetadata, merged_digest_of
 from robogauntlet_mergevla.checkpoints.metadata import (
     METADATA_FILE,
     CheckpointMetadata,

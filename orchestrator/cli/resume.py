@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import HistoryUrl, RunArgument, print_line
-from robogauntlet.orchestrator.cli.common import out as console
+from robogauntlet.orchestrator.cli.common import HistoryUrl, RunArgument, out as console, print_line
 from robogauntlet.orchestrator.cli.playing import play_plan
 from robogauntlet.orchestrator.cli.run import STORE_VARIABLE
 from robogauntlet.orchestrator.runs.plan import make_plan

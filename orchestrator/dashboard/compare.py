@@ -11,8 +11,7 @@ from starlette.responses import Response
 from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
 from robogauntlet.results.api import ComparedSeparately, Comparison, compare, open_entry
-from robogauntlet.results.report import comparison as report
-from robogauntlet.results.report import pairwise as words
+from robogauntlet.results.report import comparison as report, pairwise as words
 from robogauntlet.results.report.blocks import Block, Table
 from robogauntlet.results.report.page import render_blocks
 from robogauntlet.results.report.sections.pairwise import comparison_blocks

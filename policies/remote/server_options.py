@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import reprlib
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from robogauntlet.adapters.contract import ACTION_DIM, Moves
 from robogauntlet.policies.contract import PolicyError, Wishes
-from robogauntlet.policies.remote import libero
+from robogauntlet.policies.remote.presets import OPENPI_KEYS, PRESETS
 from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.network import is_loopback
@@ -40,31 +39,6 @@ Key = Annotated[str, Field(min_length=1, max_length=200)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
 Column = Annotated[int, Field(strict=True, ge=0, le=255)]
-
-
-DROID_STEP, DROID_HZ = 0.2, 15.0
-"""Change of a joint's target for a velocity of 1 (rad), and control steps per second, of DROID's robots
-(`robot_ik_solver.py`)."""
-PRESETS: Mapping[str, Mapping[str, Any]] = {
-    "libero": libero.OPTIONS,
-    "so101": {"joints": 5, "joint_scale": math.pi / 180.0, "gripper_open": 100.0, "gripper_closed": 0.0},
-    "droid": {
-        **{"joints": 7, "velocity_scale": DROID_STEP * DROID_HZ},
-        **{"gripper_open": 0.0, "gripper_closed": 1.0, "gripper_threshold": 0.5},
-    },
-    "pusht": {"joints": 2, "joint_scale": 0.001, "gripper_open": -1.0, "gripper_closed": 1.0},
-}
-"""Convention to the options that it sets."""
-DROID_CAMERAS = "observation/exterior_image_1_left", "observation/wrist_image_left"
-OPENPI_KEYS: Mapping[str, Mapping[str, Any]] = {
-    "droid": {
-        "cameras": dict(zip(CAMERAS, DROID_CAMERAS, strict=True)),
-        "proprioception": {"observation/joint_position": tuple(range(7)), "observation/gripper_position": (7,)},
-        **{"image_size": 224, "execute": 8},
-    },
-}
-"""Convention to what its policies get behind openpi's servers (`droid_policy.py`, `examples/droid/main.py`), unless
-options say something else."""
 TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down": (-1, 1)}
 """Name of a turn to the strides through an image's rows and columns."""
 OF_TOOLS = {"translation_scale", "rotation", "rotation_scale"}

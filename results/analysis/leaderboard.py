@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robogauntlet.results.analysis.unpaired import by_task as counts_by_task
-from robogauntlet.results.analysis.unpaired import states_known
+from robogauntlet.results.analysis.unpaired import by_task as counts_by_task, states_known
 from robogauntlet.results.record import Status
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar

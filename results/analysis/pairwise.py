@@ -42,8 +42,12 @@ from robogauntlet.results.analysis.paired_behaviour import (
     compare_behaviour,
     outcome_changes,
 )
-from robogauntlet.results.analysis.unpaired import UnpairedComparison, compare_unpaired, states_known
-from robogauntlet.results.analysis.unpaired import adjusted as adjusted_unpaired
+from robogauntlet.results.analysis.unpaired import (
+    UnpairedComparison,
+    adjusted as adjusted_unpaired,
+    compare_unpaired,
+    states_known,
+)
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunDocument, RunError, RunStatus
 from robogauntlet.results.statistics.multiplicity import ALPHA

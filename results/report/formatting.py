@@ -14,8 +14,7 @@ from robogauntlet.results.analysis.timing import PHASES, PhaseTiming
 from robogauntlet.results.statistics.rates import Estimate, Interval, RateBounds
 from robogauntlet.suites.episode import Condition
 from robogauntlet.support.durations import format_duration
-from robogauntlet.support.text import counted as counted
-from robogauntlet.support.text import visible
+from robogauntlet.support.text import counted as counted, visible
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 FORMULA_IN_TEXT = re.compile(r"""([;|\t\r\n])(?=[\s"']*[=+\-@])""")

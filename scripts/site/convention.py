@@ -12,8 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import Image as Pixels
-from robogauntlet.adapters.contract import Observation, Simulation
+from robogauntlet.adapters.contract import Image as Pixels, Observation, Simulation
 from robogauntlet.adapters.scene_control import Viewpoint, scene_controls_of
 from robogauntlet.suites.episode import View
 from scripts.site.drawing import DOCS, Drawing

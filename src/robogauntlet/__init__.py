@@ -10,20 +10,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from robogauntlet.adapters.contract import ActionSpec as ActionSpec
-    from robogauntlet.adapters.contract import Observation as Observation
-    from robogauntlet.adapters.contract import Simulation as Simulation
-    from robogauntlet.adapters.contract import Simulator as Simulator
+    from robogauntlet.adapters.contract import (
+        ActionSpec as ActionSpec,
+        Observation as Observation,
+        Simulation as Simulation,
+        Simulator as Simulator,
+    )
     from robogauntlet.orchestrator.api.bisection import bisect as bisect
-    from robogauntlet.orchestrator.api.evaluation import EvaluationStopped as EvaluationStopped
-    from robogauntlet.orchestrator.api.evaluation import evaluate as evaluate
+    from robogauntlet.orchestrator.api.evaluation import EvaluationStopped as EvaluationStopped, evaluate as evaluate
     from robogauntlet.orchestrator.api.tasks import make as make
-    from robogauntlet.policies.contract import Decision as Decision
-    from robogauntlet.policies.contract import Policy as Policy
-    from robogauntlet.policies.contract import PolicySpec as PolicySpec
-    from robogauntlet.results.api import OpenRun as OpenRun
-    from robogauntlet.results.api import compare as compare
-    from robogauntlet.results.api import open_run as open_run
+    from robogauntlet.policies.contract import Decision as Decision, Policy as Policy, PolicySpec as PolicySpec
+    from robogauntlet.results.api import OpenRun as OpenRun, compare as compare, open_run as open_run
     from robogauntlet.results.record import EpisodeResult as EpisodeResult
     from robogauntlet.suites.episode import Episode as Episode
 

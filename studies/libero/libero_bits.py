@@ -10,8 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from studies.libero.libero_experts import EXPERTS as ZOO
-from studies.libero.libero_experts import SUITES, by_suite, folder_of_experts, played, tasks_of
+from studies.libero.libero_experts import EXPERTS as ZOO, SUITES, by_suite, folder_of_experts, played, tasks_of
 from studies.libero.libero_merges import EPISODE, EXPERTS, MERGED
 from studies.merging.operators import kept_of, kilobytes_per_task
 from studies.shared import merged_policy, table_of

@@ -10,8 +10,8 @@ from typing import Any
 
 import pandas as pd
 
-from studies.libero.libero_experts import EXPERTS as ZOO
 from studies.libero.libero_experts import (
+    EXPERTS as ZOO,
     SUITES,
     by_suite,
     folder_of_experts,

@@ -23,8 +23,16 @@ from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Episode
 from studies.percent import few
-from studies.shared import EXPERT_VIEW as VIEW
-from studies.shared import POLICY_OPTIONS, TASKS, duration_s, episodes, play_suite, speed_up, table_of
+from studies.shared import (
+    EXPERT_VIEW as VIEW,
+    POLICY_OPTIONS,
+    TASKS,
+    duration_s,
+    episodes,
+    play_suite,
+    speed_up,
+    table_of,
+)
 
 PAIRS = tuple((task, policy) for task in TASKS for policy in POLICY_OPTIONS)
 PROCESSES, EPISODES = 2, 32

@@ -15,8 +15,7 @@ import numpy as np
 from robogauntlet.orchestrator.replay.first_observation import first_observation
 from robogauntlet.orchestrator.replay.media_selection import Snapshot
 from robogauntlet.results.statistics.rates import clustered_rate
-from robogauntlet.suites.episode import Condition
-from robogauntlet.suites.episode import Perturbation as At
+from robogauntlet.suites.episode import Condition, Perturbation as At
 from studies.percent import few
 from studies.routing.routers import by_router, interval
 from studies.shared import EXPERT_VIEW, open_task, table_of

@@ -11,8 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import SimulatorUnavailable
-from robogauntlet.adapters.maniskill import SIMULATOR
-from robogauntlet.adapters.maniskill import simulation as maniskill
+from robogauntlet.adapters.maniskill import SIMULATOR, simulation as maniskill
 from robogauntlet.adapters.maniskill.robot import _command, _euler_xyz
 from robogauntlet.adapters.maniskill.simulation import _device_name
 from robogauntlet.adapters.scene_control import DynamicsFactors

@@ -5,8 +5,7 @@ import os
 from datetime import timedelta
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 EXAMPLES = int(os.environ.get("ROBOGAUNTLET_FUZZ_EXAMPLES", "60"))
 """Examples of each parser; `make fuzz` takes a hundred times as many, every night."""

@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import msgpack
 import numpy as np
-from hypothesis import example
-from hypothesis import strategies as st
+from hypothesis import example, strategies as st
 
 from robogauntlet.policies.contract import PolicyMismatch
 from robogauntlet.policies.remote.conversion import decode_chunk
 from robogauntlet.policies.remote.gr00t import Gr00tOptions
-from robogauntlet.policies.remote.gr00t_modalities import fitted as gr00t_fitted
-from robogauntlet.policies.remote.gr00t_modalities import modalities_in
+from robogauntlet.policies.remote.gr00t_modalities import fitted as gr00t_fitted, modalities_in
 from robogauntlet.policies.remote.gr00t_wire import read_message
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, nd_message, pack, unpack
 from robogauntlet.policies.remote.openpi_config import check_options, config_in

@@ -5,8 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import yaml
-from hypothesis import example
-from hypothesis import strategies as st
+from hypothesis import example, strategies as st
 
 from robogauntlet.orchestrator.registry import SHIPPED, load_registry
 from robogauntlet.results.run_document import RunError, read_run

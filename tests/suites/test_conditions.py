@@ -3,8 +3,7 @@
 import re
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.suites.axes import AXES

@@ -31,8 +31,7 @@ from robogauntlet_mergevla.policies.single_policy import (
     observed,
     stack_images,
 )
-from robogauntlet_mergevla.routing.catalog import FITTED
-from robogauntlet_mergevla.routing.catalog import router as router_named
+from robogauntlet_mergevla.routing.catalog import FITTED, router as router_named
 from robogauntlet_mergevla.routing.contract import FirstObservation, Router, named_for
 from robogauntlet_mergevla.spec import merged_spec
 

@@ -17,8 +17,7 @@ from robogauntlet.orchestrator.cli.common import AsJson, fail, out, print_json, 
 from robogauntlet.orchestrator.environments.probe import Finding, probe
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime.session_folder import LONGEST
-from robogauntlet.policies import catalog as policies
-from robogauntlet.policies import oracles
+from robogauntlet.policies import catalog as policies, oracles
 from robogauntlet.support.errors import describe_os_error
 from robogauntlet.support.private_folder import new_session_folder
 

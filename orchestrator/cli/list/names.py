@@ -18,8 +18,7 @@ from robogauntlet.orchestrator.cli.check.installation import broken_plugins
 from robogauntlet.orchestrator.cli.common import AsJson, fail, out, print_json, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.registry import SHIPPED
-from robogauntlet.policies import catalog as policies
-from robogauntlet.policies import oracles
+from robogauntlet.policies import catalog as policies, oracles
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import visible

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from robogauntlet.adapters.contract import ActionSpec, FloatArray
-from robogauntlet.adapters.contract import Image as Pixels
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image as Pixels
 from robogauntlet.orchestrator.kit.policy.motion import Movement, describe
 
 HEADING_HEIGHT, LABEL_WIDTH, GAP = 24, 160, 4

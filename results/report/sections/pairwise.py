@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from robogauntlet.results.analysis.comparison import PolicyComparison, Run
 from robogauntlet.results.analysis.pairwise import COLUMNS, PolicyComparisons, compare_all
-from robogauntlet.results.report import pairwise as words
-from robogauntlet.results.report import unpaired
+from robogauntlet.results.report import pairwise as words, unpaired
 from robogauntlet.results.report.blocks import Block, Fold, Heading, Paragraph, Sentences, Table, Terms
 from robogauntlet.results.report.section import Section, Source
 from robogauntlet.results.run_document import RunDocument

@@ -12,8 +12,7 @@ from robogauntlet.results.analysis.robustness import (
     build_robustness,
     is_perturbed,
 )
-from robogauntlet.results.report import condition_comparison as compared
-from robogauntlet.results.report import robustness as words
+from robogauntlet.results.report import condition_comparison as compared, robustness as words
 from robogauntlet.results.report.blocks import (
     Block,
     Charts,

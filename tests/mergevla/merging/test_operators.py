@@ -7,8 +7,7 @@ from itertools import permutations
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet_mergevla.merging.elementwise import (

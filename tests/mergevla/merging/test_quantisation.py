@@ -2,8 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet_mergevla.merging.errors import ExpertsDiffer, OutOfRange
 from robogauntlet_mergevla.merging.quantisation import CODES, SCALES, pack, quantise, unpack

@@ -6,8 +6,7 @@ import json
 
 import pytest
 
-from robogauntlet.results.report import formatting as text
-from robogauntlet.results.report import summary_model, write_report
+from robogauntlet.results.report import formatting as text, summary_model, write_report
 from robogauntlet.results.report.sections import routing as inference
 from robogauntlet.results.report.templates import table_script
 from robogauntlet.results.statistics.rates import Estimate, Interval

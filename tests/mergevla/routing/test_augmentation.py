@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet_mergevla.routing.augmentation import augmented
 from tests.mergevla.routing.synthetic import observation

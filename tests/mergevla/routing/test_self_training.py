@@ -2,8 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet_mergevla.routing import self_training
 from robogauntlet_mergevla.routing.contract import RoutingError

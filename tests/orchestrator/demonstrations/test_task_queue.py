@@ -4,8 +4,7 @@ import sys
 from random import Random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.orchestrator.demonstrations.task_queue import (
     MAX_ATTEMPTS,

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.adapters.catalog import goal_of, open_simulation
 from robogauntlet.adapters.contract import AdapterError, Goal, Motion

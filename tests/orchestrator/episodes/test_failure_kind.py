@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.orchestrator.episodes.failure_kind import UNSAFE_FORCE, Course, held, kind_of_failure
 from robogauntlet.results.record import FailureKind

@@ -4,8 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from robogauntlet.adapters.contract import NotDelivered, UnsupportedCondition
 from robogauntlet.orchestrator.episodes.rollout import rollout

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.orchestrator.perturbations.actions import delay_steps, step_deviation
 from robogauntlet.orchestrator.perturbations.base import generator_for

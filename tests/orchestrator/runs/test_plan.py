@@ -8,8 +8,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.registry import find_suite, why_impossible, why_unadjusted
 from robogauntlet.orchestrator.runs import suite_policies
-from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan
-from robogauntlet.orchestrator.runs.plan import fitted as fitted_lines
+from robogauntlet.orchestrator.runs.plan import NO_POLICY, fitted as fitted_lines, make_plan
 from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.orchestrator.runs.suite_policies import one_of_each_body
 from robogauntlet.policies.contract import PolicyInput, PolicySpec

@@ -4,8 +4,7 @@ import email
 import email.policy
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from robogauntlet.orchestrator.schedules.notifications import Message, send_all, targets
 from tests.orchestrator.schedules.servers import Inbox, Users, certified, closed_port, greeter, smtp

@@ -4,8 +4,7 @@ import threading
 
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.orchestrator.schedules.notifications import Message, Target, message_for, send_all, targets
 from robogauntlet.results.analysis.comparison import COLUMNS, Run, compare_runs

@@ -8,8 +8,7 @@ from pathlib import Path
 from zoneinfo import ZoneInfo
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, read_schedules
 from robogauntlet.orchestrator.schedules.units import Target, render_all

@@ -7,8 +7,7 @@ import string
 import traceback
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from robogauntlet.orchestrator.schedules.notifications import Message, send_all, targets
 from robogauntlet.support.errors import BadInput

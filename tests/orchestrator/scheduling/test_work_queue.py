@@ -3,8 +3,7 @@
 from collections import Counter
 
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.scheduling.work_queue import LEASE_S, START_S, WorkQueue, next_simulator

@@ -6,8 +6,7 @@ import tracemalloc
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as arrays
 
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack

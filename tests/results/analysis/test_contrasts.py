@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.results.analysis import contrasts as engine
 from robogauntlet.results.analysis.contrasts import Question, all_tasks, by_simulator, by_task, contrasts, together

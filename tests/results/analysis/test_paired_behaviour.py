@@ -6,8 +6,12 @@ import pytest
 
 from robogauntlet.results.analysis.comparison import Run, compare_runs
 from robogauntlet.results.analysis.paired_behaviour import COLUMNS, LEAST_PAIRS, adjusted, compare_behaviour
-from robogauntlet.results.analysis.pairwise import COLUMNS as PAIRWISE_COLUMNS
-from robogauntlet.results.analysis.pairwise import PolicyRows, compare_all, compare_policies
+from robogauntlet.results.analysis.pairwise import (
+    COLUMNS as PAIRWISE_COLUMNS,
+    PolicyRows,
+    compare_all,
+    compare_policies,
+)
 from robogauntlet.results.statistics.rates import Estimate, Interval
 from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, columns_of, document, row, rows_where, with_behaviour

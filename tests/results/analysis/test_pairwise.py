@@ -1,8 +1,7 @@
 """Policies against each other: what is paired, what is left out, and the algebra of the differences."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.results.analysis import pairwise
 from robogauntlet.results.analysis.comparison import Difference, Run

@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.results.analysis.tables import COLUMNS, build_tables
 from robogauntlet.results.analysis.timing import AnswerTiming, answer_timing

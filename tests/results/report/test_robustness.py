@@ -7,8 +7,7 @@ import re
 import pytest
 
 from robogauntlet.results.analysis.robustness import COLUMNS, build_robustness
-from robogauntlet.results.report import robustness as words
-from robogauntlet.results.report import write_report
+from robogauntlet.results.report import robustness as words, write_report
 from robogauntlet.results.report.findings import findings
 from robogauntlet.suites.episode import Condition
 from tests.results.analysis.test_robustness import GATED, PLAN, SEEDS, TASKS, built, rows

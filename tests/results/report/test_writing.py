@@ -16,8 +16,7 @@ import pytest
 from PIL import Image
 
 from robogauntlet.results.record import FIELDS, describe_fields
-from robogauntlet.results.report import ReportPaths, summary_model, write_report
-from robogauntlet.results.report import write as module
+from robogauntlet.results.report import ReportPaths, summary_model, write as module, write_report
 from robogauntlet.results.report.media import collect_media, last_frame, task_picture
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.templates import table_script

@@ -3,8 +3,7 @@
 from itertools import combinations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.stats import rankdata
 
 from robogauntlet.results.statistics.rank_agreement import agreement_bounds, kendall, pearson, rank_violation

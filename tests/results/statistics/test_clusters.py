@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.results.statistics import clusters as module
 from robogauntlet.results.statistics.clusters import AxisCondition, failure_clusters

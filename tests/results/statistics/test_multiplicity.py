@@ -1,8 +1,7 @@
 """Adjustment for multiple tests."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.results.statistics.multiplicity import benjamini_hochberg, holm
 

@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.results.statistics import sample_size
 from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar

@@ -1,8 +1,7 @@
 """Tests of results/statistics/separate_trials.py."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.stats import fisher_exact
 
 from robogauntlet.results.statistics.separate_trials import Separate, fisher

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.results.statistics.pairs import Pairs
 from robogauntlet.results.statistics.sequential import is_decided, log_evidence, paired_evidence

@@ -11,8 +11,7 @@ from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from robogauntlet.results.media_paths import picture_path, snapshot_path, video_path
 from robogauntlet.results.record import FailureKind, outcome_row, rows_hash

@@ -5,8 +5,7 @@ import os
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.foreign import trials
