@@ -41,8 +41,10 @@ class BaseSimulation(ABC):
     def observe(self) -> Observation:
         """Render the cameras of the view and read the arm."""
         images = {camera: self.draw(camera, self.view.image_size) for camera in self.view.cameras}
-        of_joints = bool(self.action_spec.joints)
-        return Observation(images, proprioception(self.arm_state(), of_joints=of_joints), self.instruction, of_joints)
+        of_joints, native = bool(self.action_spec.joints), len(self.action_spec.numbers) or None
+        state = self.arm_state()
+        numbers = state["state"] if native else proprioception(state, of_joints=of_joints)
+        return Observation(images, numbers, self.instruction, of_joints, native)
 
     def picture(self) -> Image:
         """Render the third-person view, (256, 256, 3)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -17,6 +18,9 @@ ACTION_DIM, PROPRIOCEPTION_DIM = len(ACTION_NAMES), len(PROPRIOCEPTION_NAMES)
 ARM_PREFIXES = ("", "second_")
 """What the names of each arm's numbers begin with."""
 
+NO_METRES = "an action is of the environment's own numbers, which no length moves"
+"""Why native numbers have no noise of their motion."""
+
 FloatArray = NDArray[np.float64]
 
 
@@ -26,6 +30,7 @@ class Moves(StrEnum):
     TOOL = "motions of the tool"
     TARGETS = "targets of joints"
     VELOCITIES = "velocities of joints"
+    NATIVE = "numbers of the environment's own"
 
 
 @dataclass(frozen=True)
@@ -37,11 +42,27 @@ class Body:
     """Names of an arm's joints, if an action has their targets or velocities; empty if it moves the tool."""
     velocities: bool = False
     """Whether an action has the velocities of `joints`, not their targets."""
+    native: tuple[str, ...] = ()
+    """Names of an action's numbers, if they are the environment's own."""
+    state: tuple[str, ...] = ()
+    """Names of the numbers of proprioception beside `native` ones."""
 
     def __post_init__(self) -> None:
-        """Check it. Raises ValueError for another number of arms, a joint's name, or velocities of no joints."""
+        """Check it.
+
+        Raises:
+            ValueError: It has another number of arms, a joint of a wrong name, velocities of no joints, or native
+                numbers beside others or of one name.
+        """
         if self.arms not in (1, 2):
             raise ValueError(f"arms: expected 1 or 2, found {self.arms!r}")
+        if self.native and (self.joints or self.arms > 1):
+            raise ValueError("native: expected no joints and one arm beside it")
+        if self.state and not self.native:
+            raise ValueError("state: expected native beside it, found none")
+        for names in (self.native, self.state):
+            if twice := {name for name in names if names.count(name) > 1}:
+                raise ValueError(f"native: expected another name for each number, found {min(twice)!r} twice")
         if self.velocities and not self.joints:
             raise ValueError("velocities: expected joints beside it, found none")
         if taken := {name for name in self.joints if name in ACTION_NAMES or self.joints.count(name) > 1}:
@@ -50,17 +71,23 @@ class Body:
     @property
     def moves(self) -> Moves:
         """What the numbers of an action before the gripper's are."""
+        if self.native:
+            return Moves.NATIVE
         return (Moves.VELOCITIES if self.velocities else Moves.TARGETS) if self.joints else Moves.TOOL
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """What each number of an action is."""
+        if self.native:
+            return self.native
         joints = [joint + VELOCITY * self.velocities for joint in self.joints]
         return names_of_arms((*joints, GRIPPER) if joints else ACTION_NAMES, self.arms)
 
     @property
     def proprioception_names(self) -> tuple[str, ...]:
         """What each number of proprioception is."""
+        if self.native:
+            return self.state
         return names_of_arms((*self.joints, GRIPPER) if self.joints else PROPRIOCEPTION_NAMES, self.arms)
 
     @property
@@ -87,13 +114,23 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Number:
+    """A number of an action that is the environment's own, in its unit."""
+
+    name: str
+    low: float = -math.inf
+    high: float = math.inf
+    """Others are clipped by the adapter."""
+
+
+@dataclass(frozen=True)
 class ActionSpec:
     """Parts and bounds of an action, in the units of the conventions above. They are the same for both of two arms."""
 
     max_translation: float
-    """Largest translation per axis and step (m); more is clipped by the adapter. 0 if there are `joints`."""
+    """Largest translation per axis and step (m); more is clipped by the adapter. 0 if no tool is moved."""
     max_rotation: float
-    """Largest rotation per axis and step (rad); more is clipped by the adapter. 0 if there are `joints`."""
+    """Largest rotation per axis and step (rad); more is clipped by the adapter. 0 if no tool is moved."""
     control_hz: float
     """Control steps per simulated second."""
     ignored: tuple[str, ...] = ()
@@ -103,6 +140,10 @@ class ActionSpec:
     """Joints of an arm, in order, if an action has their targets or velocities; empty if it moves the tool."""
     velocities: bool = False
     """Whether an action has the velocities of `joints` (rad/s), not their targets (rad)."""
+    numbers: tuple[Number, ...] = ()
+    """The numbers of an action, if they are the environment's own."""
+    state: tuple[str, ...] = ()
+    """Names of the numbers of proprioception beside `numbers`."""
 
     def __post_init__(self) -> None:
         """Check what acts, see `Body`."""
@@ -111,7 +152,8 @@ class ActionSpec:
     @property
     def body(self) -> Body:
         """What acts."""
-        return Body(self.arms, tuple(joint.name for joint in self.joints), self.velocities)
+        joints, numbers = ([one.name for one in some] for some in (self.joints, self.numbers))
+        return Body(self.arms, tuple(joints), self.velocities, tuple(numbers), self.state)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -121,6 +163,8 @@ class ActionSpec:
     @property
     def low(self) -> FloatArray:
         """Lower bounds, shape (numbers of an action,)."""
+        if self.numbers:
+            return np.array([number.low for number in self.numbers])
         if self.body.moves is not Moves.TARGETS:
             return -self.high
         return np.array([*(joint.low for joint in self.joints), -1.0] * self.arms)
@@ -128,6 +172,8 @@ class ActionSpec:
     @property
     def high(self) -> FloatArray:
         """Upper bounds, shape (numbers of an action,)."""
+        if self.numbers:
+            return np.array([number.high for number in self.numbers])
         one = [self.max_translation] * 3 + [self.max_rotation] * 3
         if self.joints:
             one = [joint.step * self.control_hz if self.velocities else joint.high for joint in self.joints]
@@ -136,6 +182,8 @@ class ActionSpec:
     @property
     def steps(self) -> FloatArray:
         """Largest motion of each number in a control step, shape as `high`: that, or of targets their change (rad)."""
+        if self.numbers:
+            return self.high - self.low
         if self.body.moves is not Moves.TARGETS:
             return self.high
         return np.array([*(joint.step for joint in self.joints), 2.0] * self.arms)

@@ -14,6 +14,7 @@ from robogauntlet.adapters.contract import (
     Body,
     Goal,
     Joint,
+    Number,
     Simulation,
     Simulator,
     SimulatorUnavailable,
@@ -82,7 +83,8 @@ def stand_in_spec(task: str) -> ActionSpec:
     """Return an action's numbers in `simulator/task`, with bounds of 1, where the task is not open."""
     body = body_of(task)
     joints = tuple(Joint(name, -1.0, 1.0, 1.0) for name in body.joints)
-    return ActionSpec(1.0, 1.0, 1.0, arms=body.arms, joints=joints, velocities=body.velocities)
+    numbers = tuple(Number(name, -1.0, 1.0) for name in body.native)
+    return ActionSpec(1.0, 1.0, 1.0, (), body.arms, joints, body.velocities, numbers, body.state)
 
 
 def find(simulator: str) -> Simulator:

@@ -11,6 +11,8 @@ Conventions, the same in every simulator:
   Proprioception: angle of each joint (rad), gripper on the same scale.
 - Two arms: the numbers of the first, then those of the second, each in the frame of its own base. All else, goals and
   behaviour among it, is in the frame of the first arm's base; names of the second arm begin with `second_`.
+- Native: numbers of an action and of proprioception are the environment's own, by name, in its units and bounds. There
+  is no tool, joint or gripper, and behaviour is not measured.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ from robogauntlet.adapters.body import (
     FloatArray as FloatArray,
     Joint as Joint,
     Moves as Moves,
+    Number as Number,
     is_of_second_arm as is_of_second_arm,
     names_of_arms as names_of_arms,
 )
@@ -91,6 +94,8 @@ class Observation:
     """The goal in words."""
     of_joints: bool = False
     """Whether proprioception has the positions of joints, and an action their targets or velocities."""
+    native: int | None = None
+    """Numbers of an action, where these and proprioception are the environment's own."""
     hand_quaternion: FloatArray | None = None
     """The hand's orientation in the world, xyzw, shape (4,), with the sign of the engine, which a benchmark's own
     proprioception may depend on; None where no benchmark's does."""
@@ -98,8 +103,17 @@ class Observation:
     @property
     def action_dim(self) -> int:
         """Numbers of an action in answer to it, for the arms that it shows."""
+        if self.native is not None:
+            return self.native
         numbers = len(self.proprioception)
         return numbers if self.of_joints else numbers // PROPRIOCEPTION_DIM * ACTION_DIM
+
+
+def black_observation(view: View, body: Body, instruction: str = "") -> Observation:
+    """Return an observation of black images and zeros, to ask a policy before a simulation is open."""
+    images = {camera: np.zeros((view.image_size, view.image_size, 3), np.uint8) for camera in view.cameras}
+    native = len(body.native) or None
+    return Observation(images, np.zeros(body.proprioception_dim), instruction, bool(body.joints), native)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +176,9 @@ class Simulation(Protocol):
         `second_base_quaternion`, in the first's. Objects follow as `<name>_position` and `<name>_quaternion`, goals as
         `goal_position`. Where resets let objects come to rest, `settling_shift` (1,) is how far they slid (m). Where
         actions are of joints, each arm has `joint_angles` (n,) and `gripper` (1,) as in proprioception, its present
-        `joint_targets` (n,) (rad), and `tcp_jacobian` (6, n): the tool's motion (m, rad) per radian.
+        `joint_targets` (n,) (rad), and `tcp_jacobian` (6, n): the tool's motion (m, rad) per radian. Where numbers are
+        the environment's own, it holds `state` (n,), as in proprioception, and `still`, an action that moves nothing,
+        as far as there is one; nothing of a tool or fingers.
         """
 
     def state_hash(self) -> str:
@@ -212,19 +228,24 @@ class TaskDescription:
     """Names of an arm's joints, if an action has their targets or velocities; empty if it moves the tool."""
     velocities: bool = False
     """Whether an action has the velocities of `joints`, not their targets."""
+    native: tuple[str, ...] = ()
+    """Names of an action's numbers, if they are the environment's own."""
+    state: tuple[str, ...] = ()
+    """Names of the numbers of proprioception beside `native` ones."""
     variant_of: str = ""
     """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
     start_states: int | None = None
     """Number of stored states in which it can start, which suites play once each; None if every seed has its own."""
 
     def __post_init__(self) -> None:
-        """Check what acts, see `Body`."""
-        _ = self.body
+        """Check what acts, see `Body`. Raises ValueError for a goal where nothing shows a tool."""
+        if self.body.native and self.goal is not None:
+            raise ValueError("goal: expected none beside native numbers, whose tool is unknown")
 
     @property
     def body(self) -> Body:
         """What acts."""
-        return Body(self.arms, self.joints, self.velocities)
+        return Body(self.arms, self.joints, self.velocities, self.native, self.state)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from robogauntlet import suites
 from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.body import NO_METRES
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
@@ -80,6 +81,8 @@ def why_unadjusted(axis: Axis, task: str) -> str | None:
     description = simulators.task_descriptions()[task]
     if axis.name == VARIANT_NAME and not description.published_instruction:
         return NO_VARIANT_NAME
+    if axis.name == "action-noise" and description.native:
+        return NO_METRES
     return description.fixed.get(part)
 
 

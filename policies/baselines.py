@@ -38,17 +38,24 @@ def _numbers(query: Query) -> int:
 
 
 def _scaled(unit: FloatArray, query: Query) -> FloatArray:
-    """Scale numbers of -1 to 1, (n, numbers of an action): by `SCALE` for each arm, or to the limits of joints.
+    """Scale numbers of -1 to 1, (n, numbers of an action): by `SCALE` for each arm, or to the limits of others.
 
     Raises:
-        PolicyMismatch: An action has the targets of joints, whose limits the query does not tell.
+        PolicyMismatch: An action is of other numbers than an arm's, whose limits the query does not tell, or without.
     """
     spec = query.action_spec
-    if spec is not None and spec.joints:
+    if spec is not None and (spec.joints or spec.numbers):
+        if not np.isfinite(spec.steps).all():
+            raise PolicyMismatch(
+                f"expected numbers within bounds to draw from, those of {query.episode.task} have none"
+            )
         return np.asarray(spec.low + (unit + 1.0) / 2.0 * (spec.high - spec.low))
     seen = query.observation
-    if spec is None and (seen.of_joints if seen else body_of(query.episode.task).joints):
-        raise PolicyMismatch("expected the limits of joints, which a policy server is not told; run the policy by name")
+    body = body_of(query.episode.task)
+    if spec is None and ((seen.of_joints or seen.native) if seen else (body.joints or body.native)):
+        raise PolicyMismatch(
+            "expected the limits of actions, which a policy server is not told; run the policy by name"
+        )
     return unit * np.tile(SCALE, unit.shape[1] // ACTION_DIM)
 
 
@@ -64,7 +71,7 @@ class ZeroPolicy(StatelessPolicy):
 
 
 class RandomPolicy(StatelessPolicy):
-    """Draws every action uniformly: motions of the tool, or targets within the limits of joints."""
+    """Draws every action uniformly: motions of the tool, or others within their limits."""
 
     spec = PolicySpec(PolicyInput.NOTHING, CHUNK_LENGTH, action_dim=None)
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from robogauntlet.adapters.catalog import body_of, original
-from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Moves, Observation, ObservationSpec
+from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, Body, FloatArray, Moves, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import UserError, first_line
 from robogauntlet.support.text import first_of
@@ -62,7 +62,7 @@ class PolicySpec:
     chunk_length: int
     """Largest number of actions in a chunk that the policy returns."""
     action_dim: int | None = ACTION_DIM
-    """Numbers of an action, or None for as many as the task has."""
+    """Numbers of an action, or None for as many as the task has. With a number and no `moves`, they are of robots."""
     cameras: tuple[str, ...] = ()
     """Cameras without which the policy cannot act."""
     image_size: int | None = None
@@ -76,10 +76,19 @@ class PolicySpec:
 
     def can_act_in(self, task: str) -> bool:
         """Return whether it can act in `simulator/task`."""
-        body = body_of(task)
-        if self.action_dim not in (None, body.action_dim) or self.moves not in (None, body.moves):
+        if self.misfit(body_of(task)):
             return False
         return self.tasks is None or task in self.tasks or (self.variants and original(task) in self.tasks)
+
+    def misfit(self, body: Body) -> str | None:
+        """Return what a body accepts and the policy produces instead, or None if its actions fit."""
+        if self.action_dim not in (None, body.action_dim):
+            return f"accepts {body.action_dim} numbers per action, the policy produces {self.action_dim}"
+        if self.moves not in (None, body.moves):
+            return f"accepts {body.moves}, the policy produces {self.moves}"
+        if body.native and self.moves is None and self.action_dim is not None:
+            return f"accepts {body.moves}, the policy produces those of a robot"
+        return None
 
 
 @dataclass(frozen=True)
@@ -248,12 +257,8 @@ def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:
         PolicyMismatch: It cannot; the message names the tasks in which it can, or the numbers that one accepts.
     """
     for task in tasks:
-        body = body_of(task)
-        if spec.action_dim not in (None, body.action_dim):
-            numbers = f"{body.action_dim} numbers per action"
-            raise PolicyMismatch(f"{task} accepts {numbers}, the policy produces {spec.action_dim}")
-        if spec.moves not in (None, body.moves):
-            raise PolicyMismatch(f"{task} accepts {body.moves}, the policy produces {spec.moves}")
+        if misfit := spec.misfit(body_of(task)):
+            raise PolicyMismatch(f"{task} {misfit}")
     if beyond := [task for task in tasks if not spec.can_act_in(task)]:
         able = first_of(sorted(spec.tasks or ()), SHOWN_TASKS)
         raise PolicyMismatch(f"it cannot act in {first_of(beyond, SHOWN_TASKS)}; it can in {able}")
@@ -265,12 +270,8 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
     Raises:
         PolicyMismatch: The policy does not fit.
     """
-    if spec.action_dim not in (None, len(action_spec.high)):
-        raise PolicyMismatch(
-            f"the simulation accepts {len(action_spec.high)} numbers per action, the policy produces {spec.action_dim}"
-        )
-    if spec.moves not in (None, action_spec.body.moves):
-        raise PolicyMismatch(f"the simulation accepts {action_spec.body.moves}, the policy produces {spec.moves}")
+    if misfit := spec.misfit(action_spec.body):
+        raise PolicyMismatch(f"the simulation {misfit}")
     if spec.sees is PolicyInput.OBSERVATION:
         missing = [camera for camera in spec.cameras if camera not in observation_spec.cameras]
         if missing:

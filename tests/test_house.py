@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 22_814,
-    "adapters": 9_185,
-    "policies": 8_621,
+    "orchestrator": 22_910,
+    "adapters": 9_270,
+    "policies": 8_680,
     "mergevla": 9_389,
     "results": 15_626,
     "suites": 2_797,
     "src/robogauntlet": 972,
-    "tests": 51_878,
+    "tests": 52_090,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

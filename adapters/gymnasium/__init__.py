@@ -52,6 +52,8 @@ def _description(mapping: type[EnvironmentMapping]) -> TaskDescription:
         modules=(module,) if colon else (),
         goal=mapping.goal,
         joints=mapping.action_spec.body.joints,
+        native=mapping.action_spec.body.native,
+        state=mapping.action_spec.state,
     )
 
 

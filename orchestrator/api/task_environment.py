@@ -28,8 +28,8 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
     Attributes:
         observation_space: `images` (camera to (size, size, 3) uint8), `proprioception` (float64) and `instruction`
             (text).
-        action_space: (7,), for two arms (14,), or a number for each joint and the gripper; float64 in the units of
-            `robogauntlet.adapters.contract`; what is beyond is clipped, as in a run.
+        action_space: (7,), for two arms (14,), a number for each joint and the gripper, or native ones; float64 in the
+            units of `robogauntlet.adapters.contract`; what is beyond is clipped, as in a run.
         simulation: The simulation of the episode, with the true state.
         horizon: Control steps after which an episode is truncated.
     """

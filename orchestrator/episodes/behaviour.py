@@ -38,7 +38,9 @@ class BehaviourMeter:
         self._hz, self._goal = simulation.action_spec.control_hz, goal
         names = dict.fromkeys((goal.entry, goal.handle or goal.entry, goal.to or goal.entry)) if goal else ()
         self._names = tuple(names)
-        self._motion = motion_reader(simulation)
+        self._motion = None if simulation.action_spec.numbers else motion_reader(simulation)
+        """None where nothing shows a tool."""
+        self._samples = 0
         self._motions: list[Motion] = []
 
     def sample(self) -> None:
@@ -47,6 +49,9 @@ class BehaviourMeter:
         Raises:
             AdapterError: The task's goal does not fit the privileged state.
         """
+        self._samples += 1
+        if self._motion is None:
+            return
         motion = self._motion(self._names)
         if self._goal is not None and not self._motions:
             entries = dict(zip(self._names, motion.entries, strict=True))
@@ -63,6 +68,10 @@ class BehaviourMeter:
             AdapterError: A number of the motion is not finite.
         """
         motions, hz = self._motions, self._hz
+        succeeded = status is Status.SUCCESS
+        ended = {"time_to_success": round((self._samples - success_hold) / hz, 3) if succeeded else None}
+        if self._motion is None:
+            return ended
         tool = np.array([motion.tool for motion in motions])
         opening = np.array([motion.opening for motion in motions])
         lengths = np.linalg.norm(np.diff(tool, axis=0), axis=1)
@@ -71,11 +80,10 @@ class BehaviourMeter:
         measured = [tool, opening, np.array(forces), *map(self._entry, self._names)]
         if not all(np.isfinite(values).all() for values in measured):
             raise AdapterError("expected finite numbers in the simulation's motion")
-        succeeded = status is Status.SUCCESS
         columns: dict[str, Any] = {
+            **ended,
             "path_length": round(float(lengths.sum()), 4),
             "smoothness": smoothness(lengths * hz, hz),
-            "time_to_success": round((len(motions) - success_hold) / hz, 3) if succeeded else None,
             "gripper_openings": openings(opening.tolist()),
             "contact_steps": sum(force > 0.0 for force in forces) if forces else None,
             "contact_force": round(max(forces), 1) if forces else None,

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import TimeoutError as Late
 from typing import Any
 
-import numpy as np
-
-from robogauntlet.adapters.contract import Image, Observation, TaskDescription
+from robogauntlet.adapters.contract import Observation, TaskDescription, black_observation
 from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, chunk_of
 from robogauntlet.suites.episode import View
@@ -34,10 +32,7 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
         PolicyMismatch: The answer is no action chunk.
         PolicyError: There is none within `LIMIT_S`.
     """
-    black: Image = np.zeros((view.image_size, view.image_size, 3), np.uint8)
-    images = {camera: black.copy() for camera in view.cameras}
-    state = np.zeros(task.body.proprioception_dim)
-    observation = Observation(images, state, task.instruction, bool(task.joints))
+    observation = black_observation(view, task.body, task.instruction)
 
     def asked() -> Any:
         try:

@@ -119,7 +119,9 @@ class _Asked:
                 return {"spec": to_jsonable_python(spec, fallback=str)}  # numbers of numpy as digits
             if isinstance(self.policy, FunctionPolicy | StatefulFunctionPolicy):
                 view = View(tuple(request["cameras"]), request["image_size"])
-                body = {**request["body"], "joints": tuple(request["body"]["joints"])}
+                body: dict[str, Any] = {
+                    name: tuple(own) if isinstance(own, list) else own for name, own in request["body"].items()
+                }
                 task = TaskDescription(request["instruction"], 1, **body)
                 check_first_answer(self.name, self.policy.ask, view, task)
             return {"spec": None}

@@ -9,12 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 import ray
 from ray.exceptions import RayError
 
 from robogauntlet.adapters.catalog import stand_in_spec
-from robogauntlet.adapters.contract import Observation
+from robogauntlet.adapters.contract import black_observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy, resolve_locally
 from robogauntlet.orchestrator.inference.batcher import Batcher
 from robogauntlet.orchestrator.inference.planned_policy import planned_spec
@@ -225,8 +224,6 @@ def measure_answer_times(
 
 
 def _black_queries(cell: Cell, count: int) -> list[Query]:
-    view = cell.protocol.view
-    images = {camera: np.zeros((view.image_size, view.image_size, 3), np.uint8) for camera in view.cameras}
     spec = stand_in_spec(cell.task)
-    observation = Observation(images, np.zeros(spec.body.proprioception_dim), "", bool(spec.joints))
+    observation = black_observation(cell.protocol.view, spec.body)
     return [Query(cell.episode(seed), 0, observation, action_spec=spec) for seed in range(count)]

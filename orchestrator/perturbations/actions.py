@@ -6,7 +6,15 @@ import math
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM, ARM_PREFIXES, Delivered, FloatArray, StepOutcome
+from robogauntlet.adapters.body import NO_METRES
+from robogauntlet.adapters.contract import (
+    ACTION_DIM,
+    ARM_PREFIXES,
+    Delivered,
+    FloatArray,
+    StepOutcome,
+    UnsupportedCondition,
+)
 from robogauntlet.adapters.motion import standing_still
 from robogauntlet.orchestrator.perturbations.base import Perturbed, generator_for
 
@@ -45,6 +53,8 @@ class ActionNoise(PerturbedActions):
 
     def _executed(self, action: FloatArray) -> FloatArray:
         spec = self.action_spec
+        if spec.numbers:
+            raise UnsupportedCondition(f"{self.episode.condition}: {NO_METRES}")
         low, high, moved, per_metre = self._reach()
         generator = generator_for(self.episode.pair_id, self._steps)
         noisy = action.copy()

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError
 
-from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
+from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM
 from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicySpec
 from robogauntlet.policies.hub import check_download
 from robogauntlet.policies.lerobot.child import observes_every_step
@@ -69,10 +69,10 @@ class Checkpoint:
 
     folder: Path
     options: LeRobotOptions
-    """With the cameras that match by name, without proprioception or a gripper if it was trained without."""
+    """With the cameras that match by name, without proprioception if it was trained without."""
     spec: PolicySpec
     numbers: int
-    """Numbers of the state that it is given: of joints it may be trained without that of the gripper, which is last."""
+    """Numbers of the state that it is given."""
 
     def digest(self) -> str:
         """Return the hash of the checkpoint's files and of the conversions; not of its folder or device."""
@@ -114,9 +114,6 @@ def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
     state = options.proprioception if options.proprioception in declared.shapes else None
     cameras = options.cameras or _cameras(declared, options.convention)
     options = options.model_copy(update={"cameras": cameras, "proprioception": state})
-    joints = _without_gripper(options)
-    if joints and not options.columns and declared.shapes.get(ACTION) == (joints,):
-        options = options.model_copy(update={"columns": (*range(joints), None)})
     numbers = declared.shapes[state][0] if state else 0
     return Checkpoint(folder, options, _spec(options, declared), numbers)
 
@@ -195,11 +192,6 @@ def _cameras(declared: _Declared, convention: str) -> dict[str, str]:
     return named
 
 
-def _without_gripper(options: LeRobotOptions) -> int:
-    """Numbers of an action and of the state of an arm of joints that was trained without a gripper; 0 for others."""
-    return options.joints or 0 if options.arms == 1 else 0
-
-
 def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     """Return the policy's spec, if the options cover the features that the checkpoint was trained on."""
     shapes = declared.shapes
@@ -214,9 +206,11 @@ def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     if lacking := [name for name in shapes if name not in (ACTION, *given, *declared.unfilled)]:
         raise mismatch(f"the checkpoint needs {lacking[0]}, which no option provides; see docs/your-policy.md")
     numbers = options.width if options.joints else PROPRIOCEPTION_DIM
-    if state is not None and shapes[state] not in {(numbers,), (_without_gripper(options) or numbers,)}:
+    if state is not None and len(shapes[state]) == 1 and options.is_native:
+        numbers = shapes[state][0]
+    if state is not None and shapes[state] != (numbers,):
         meaning = "joints, gripper" if options.joints else "position, axis-angle, fingers"
-        hint = "" if options.joints else "; for joints give option convention: so101 or droid, or joints"
+        hint = "" if options.joints else "; for others give option convention: so101, droid or native, or joints"
         raise mismatch(
             f"expected {state} of {numbers} numbers ({meaning}), the checkpoint was trained on {shapes[state]}{hint}"
         )
@@ -230,13 +224,13 @@ def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
     if wanted is None and size and size[0] != size[1]:
         raise mismatch(f"expected option image_size: {list(size)}, as the checkpoint was trained on; images are square")
     width = shapes.get(ACTION, (0,))[0]
-    columns = options.columns or (range(width) if width == options.width else None)
+    columns = options.columns or (range(width) if width == options.width or options.is_native else None)
     if columns is None or any(column is not None and column >= width for column in columns):
         raise mismatch(f"columns: expected the {options.width} columns of an action among the checkpoint's {width}")
     execute = min(declared.actions, options.execute or declared.actions)
     cameras = tuple(options.cameras)
     square = size[0] if size and not wanted else None
-    action_dim = options.width if options.joints else ACTION_DIM
+    action_dim = len(columns) if options.is_native else options.action_dim
     return PolicySpec(PolicyInput.OBSERVATION, execute, action_dim, cameras, square, moves=options.moves)
 
 

@@ -87,8 +87,11 @@ class LeRobotPolicy:
         assert observation is not None
         arrays = encode_observation(options, observation, query.episode)
         if options.proprioception is not None:
-            state = arrays[options.proprioception][: self._checkpoint.numbers]
-            arrays[options.proprioception] = state.astype(np.float32)
+            state = arrays[options.proprioception].astype(np.float32)
+            if len(state) != self._checkpoint.numbers:
+                wanted = f"proprioception of {self._checkpoint.numbers} numbers"
+                raise PolicyMismatch(f"policy '{NAME}': expected {wanted}, {query.episode.task} has {len(state)}")
+            arrays[options.proprioception] = state
         seed = int(content_hash([query.episode.id, query.step]), 16) % 2**63
         message = {
             "episode": query.episode.id,
@@ -99,7 +102,7 @@ class LeRobotPolicy:
         actions = self._process.act(message, arrays)
         self._finished = []
         try:
-            return Decision(decode_chunk(options, {ACTIONS_KEY: actions}))
+            return Decision(decode_chunk(options, {ACTIONS_KEY: actions}, query.action_dim))
         except PolicyMismatch as error:
             raise PolicyMismatch(f"policy '{NAME}': {error}") from None
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from robogauntlet.adapters.contract import FloatArray, Image, Observation
+from robogauntlet.adapters.contract import ACTION_DIM, FloatArray, Image, Moves, Observation
 from robogauntlet.policies.contract import PolicyMismatch, Query
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.remote.server_options import Convention
@@ -62,10 +62,7 @@ def encode_proprioception(convention: Convention, observation: Observation, epis
     keys, state = convention.proprioception_keys, observation.proprioception
     if keys is None:
         return {}
-    if bool(convention.joints) != observation.of_joints or (convention.joints and len(state) != convention.width):
-        wanted = f"{convention.width} numbers of joints" if convention.joints else "a tool that is moved"
-        shown = f"{len(state)} numbers of joints" if observation.of_joints else "a tool that is moved"
-        raise PolicyMismatch(f"expected a task with {wanted}, {episode.task} has {shown}; see options joints and arms")
+    _check_kind(convention, observation, episode.task)
     if convention.joints:
         state = np.concatenate([_native_joints(convention, arm) for arm in np.split(state, convention.arms)])
     elif convention.convention == "libero":
@@ -73,6 +70,16 @@ def encode_proprioception(convention: Convention, observation: Observation, epis
     if beyond := [column for columns in keys.values() for column in columns or () if column >= len(state)]:
         raise PolicyMismatch(f"option proprioception: expected columns below {len(state)}, got {beyond[0]}")
     return {key: state if columns is None else state[list(columns)] for key, columns in keys.items()}
+
+
+def _check_kind(convention: Convention, observation: Observation, task: str) -> None:
+    numbers = f"{len(observation.proprioception)} numbers of joints"
+    shown = numbers if observation.of_joints else str(Moves.TOOL if observation.native is None else Moves.NATIVE)
+    wanted = f"{convention.width} numbers of joints" if convention.joints else str(convention.moves)
+    if wanted != shown:
+        raise PolicyMismatch(
+            f"expected a task with {wanted}, {task} has {shown}; see options convention, joints and arms"
+        )
 
 
 def _native_joints(convention: Convention, state: FloatArray) -> FloatArray:
@@ -109,12 +116,12 @@ def resize_image(convention: Convention, image: Image) -> Image:
     return np.asarray(padded)
 
 
-def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArray:
+def decode_chunk(convention: Convention, answer: Mapping[str, Any], numbers: int = ACTION_DIM) -> FloatArray:
     """Return an answer's chunk, shape (n, numbers of an action), in the units of `robogauntlet.adapters.contract`.
 
     Raises PolicyMismatch if the chunk is missing, too short or too narrow, or not finite.
     """
-    columns = convention.columns or tuple(range(convention.width))
+    columns = convention.columns or tuple(range(numbers if convention.is_native else convention.width))
     width = 1 + max((column for column in columns if column is not None), default=0)
     rows = read_chunk(answer, convention.actions, width, exactly=convention.columns is None)
     if convention.execute is not None:
@@ -122,6 +129,8 @@ def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArra
             raise PolicyMismatch(f"option execute: expected {convention.execute} actions or more, got {len(rows)}")
         rows = rows[: convention.execute]
     read = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
+    if convention.is_native:
+        return read
     each, given = np.split(read, convention.arms, axis=1), np.split(np.array(columns, dtype=object), convention.arms)
     arms = []
     for arm, own in zip(each, given, strict=True):

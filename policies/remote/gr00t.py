@@ -90,7 +90,7 @@ class Gr00tPolicy(RemotePolicy):
             self._connection.ask(lambda: [self._connection.question("reset", {"options": None})])
         answer = self._connection.ask(lambda: [self._question(query)])
         try:
-            return Decision(decode_chunk(self._fitted, self._first_of_batch(answer)))
+            return Decision(decode_chunk(self._fitted, self._first_of_batch(answer), query.action_dim))
         except PolicyMismatch as error:
             raise PolicyMismatch(f"{self._server}: {error}") from None
 

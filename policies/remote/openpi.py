@@ -120,7 +120,9 @@ class OpenpiPolicy(WebsocketPolicy):
                 answer = one_of_batch(answer)
             if self._is_robogauntlet:
                 return Decision(read_chunk(answer, ACTIONS_KEY, query.action_dim, exactly=True), routing_in(answer))
-            return Decision(decode_chunk(self._options, answer), routing_in(answer) if self._greeting else None)
+            return Decision(
+                decode_chunk(self._options, answer, query.action_dim), routing_in(answer) if self._greeting else None
+            )
         except (PackingError, PolicyMismatch) as error:
             raise PolicyMismatch(f"{self._server}: {error}") from None
         except PolicyError as error:

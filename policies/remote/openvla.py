@@ -95,7 +95,7 @@ class OpenVlaPolicy(RemotePolicy):
     def _decide(self, query: Query) -> Decision:
         answer = self._connection.ask(lambda: [self._posted(query)])
         try:
-            return Decision(decode_chunk(self._options, self._chunk(answer)))
+            return Decision(decode_chunk(self._options, self._chunk(answer), query.action_dim))
         except (PackingError, PolicyMismatch) as error:
             raise PolicyMismatch(f"{self._server}: {error}") from None
 

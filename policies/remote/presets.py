@@ -19,7 +19,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         **{"joints": 7, "velocity_scale": DROID_STEP * DROID_HZ},
         **{"gripper_open": 0.0, "gripper_closed": 1.0, "gripper_threshold": 0.5},
     },
-    "pusht": {"joints": 2, "joint_scale": 0.001, "gripper_open": -1.0, "gripper_closed": 1.0},
 }
 """Convention to the options that it sets."""
 DROID_CAMERAS = "observation/exterior_image_1_left", "observation/wrist_image_left"

@@ -22,14 +22,15 @@ from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import Episode
 
 VERSION = 1
-EPISODE, STEP, FINISHED, TRUE_STATE, ROUTING, OF_JOINTS = (
-    f"robogauntlet/{name}" for name in ("episode", "step", "finished", "privileged_state", "routing", "of_joints")
+EPISODE, STEP, FINISHED, TRUE_STATE, ROUTING, OF_JOINTS, NATIVE = (
+    f"robogauntlet/{name}"
+    for name in ("episode", "step", "finished", "privileged_state", "routing", "of_joints", "native")
 )
 UNITS = "metres, radians (axis-angle), gripper -1 open to +1 closed; robot base frame"
 JOINT_UNITS = {False: "targets of joints in radians", True: "velocities of joints in radians per second"}
 GRIPPER_UNITS = "gripper -1 open to +1 closed"
-MOST_NUMBERS = 64
-"""Of an observation's proprioception."""
+MOST_NUMBERS, MOST_NATIVE = 64, 10_000
+"""Of an observation's proprioception: of a robot, and of the environment's own."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,12 @@ def as_metadata(greeting: Greeting) -> dict[str, Any]:
     """Return the metadata frame, which other clients can read; RoboGauntlet's client reads its part `robogauntlet`."""
     spec = greeting.spec
     body = _body(spec)
+    units = f"{JOINT_UNITS[body.velocities]}, {GRIPPER_UNITS}" if body.joints else UNITS
     return {
         "action_dim": body.action_dim,
         "action_horizon": spec.chunk_length,
         "action_names": list(body.action_names),
-        "action_units": f"{JOINT_UNITS[body.velocities]}, {GRIPPER_UNITS}" if body.joints else UNITS,
+        "action_units": str(Moves.NATIVE) if body.native else units,
         "cameras": {camera: CAMERA_KEYS[camera] for camera in spec.cameras},
         "image_size": spec.image_size,
         "state_dim": body.proprioception_dim,
@@ -122,6 +124,8 @@ def as_message(query: Query, finished: Sequence[str]) -> dict[str, Any]:
         message |= {STATE_KEY: observation.proprioception, INSTRUCTION_KEY: observation.instruction}
         if observation.of_joints:
             message[OF_JOINTS] = True
+        if observation.native is not None:
+            message[NATIVE] = observation.native
     if query.privileged_state is not None:
         message[TRUE_STATE] = dict(query.privileged_state)
     return message
@@ -170,13 +174,20 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec, keys: Keys) -> Ob
         given = ", ".join(sorted(map(str, message)))[:200]
         raise PackingError(f"expected an image as {needed}, got none among {given}")
     state = message.get(keys.state)
+    native = message.get(NATIVE, spec.action_dim if spec.moves is Moves.NATIVE else None)
+    if native is not None and (type(native) is not int or not 1 <= native <= MOST_NATIVE):
+        raise PackingError(f"expected 1 to {MOST_NATIVE} numbers of an action as {NATIVE}, got {str(native)[:40]}")
     of_joints = message.get(OF_JOINTS) is True or bool(_body(spec).joints)
-    sizes = range(2, MOST_NUMBERS + 1) if of_joints else [Body(arms).proprioception_dim for arms in (1, 2)]
-    if spec.action_dim is not None:
+    sizes: Sequence[int] = range(2, MOST_NUMBERS + 1)
+    if native is not None:
+        sizes = range(MOST_NATIVE + 1)
+    elif spec.action_dim is not None:
         sizes = [spec.action_dim if of_joints else _body(spec).proprioception_dim]
+    elif not of_joints:
+        sizes = [Body(arms).proprioception_dim for arms in (1, 2)]
     if not isinstance(state, np.ndarray) or state.dtype.kind not in "iuf" or state.shape not in [(n,) for n in sizes]:
         got = f"shape {state.shape}" if isinstance(state, np.ndarray) else f"a {type(state).__name__}"
-        wanted = f"2 to {MOST_NUMBERS}" if isinstance(sizes, range) else " or ".join(map(str, sizes))
+        wanted = f"{sizes[0]} to {sizes[-1]}" if isinstance(sizes, range) else " or ".join(map(str, sizes))
         raise PackingError(f"expected an array of {wanted} numbers as {keys.state}, got {got}")
     instruction = message.get(keys.instruction, "")
     if isinstance(instruction, np.ndarray) and instruction.ndim == 0:
@@ -186,12 +197,14 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec, keys: Keys) -> Ob
     if len(instruction) > LONGEST_INSTRUCTION:
         expected = f"expected at most {LONGEST_INSTRUCTION} characters as {keys.instruction}"
         raise PackingError(f"{expected}, got {len(instruction)}")
-    return Observation(images, state.astype(np.float64), str(instruction), of_joints)
+    return Observation(images, state.astype(np.float64), str(instruction), of_joints and native is None, native)
 
 
 def _body(spec: PolicySpec) -> Body:
     """Return the body of as many numbers; of another number than that of tools, or by `moves`, it has joints."""
     numbers = ACTION_DIM if spec.action_dim is None else spec.action_dim
+    if spec.moves is Moves.NATIVE:
+        return Body(native=tuple(f"number_{number}" for number in range(1, numbers + 1)))
     if numbers in (ACTION_DIM, 2 * ACTION_DIM) and spec.moves in (None, Moves.TOOL):
         return Body(numbers // ACTION_DIM)
     joints = tuple(f"joint_{number}" for number in range(1, numbers))

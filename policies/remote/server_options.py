@@ -43,10 +43,14 @@ TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down":
 """Name of a turn to the strides through an image's rows and columns."""
 OF_TOOLS = {"translation_scale", "rotation", "rotation_scale"}
 """Options that have no meaning for joints."""
+NATIVE = "native"
+"""Convention of policies whose numbers are the environment's own."""
 UNITS = ("translation_scale", "rotation", "rotation_scale", "gripper_open", "gripper_closed")
 """Options that say what the numbers of a moved tool mean."""
 GRIPPER_RANGE = {"gripper_open", "gripper_closed"}
 """Options without a default beside joints."""
+OF_ROBOTS = {*OF_TOOLS, *GRIPPER_RANGE, "gripper_threshold", "joints", "arms", "joint_scale", "velocity_scale"}
+"""Options that have no meaning for native numbers."""
 
 
 def _turns(value: object) -> object:
@@ -90,11 +94,11 @@ class Convention(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    convention: Literal["robogauntlet", "libero", "so101", "droid", "pusht"] = "robogauntlet"
+    convention: Literal["robogauntlet", "libero", "so101", "droid", "native"] = "robogauntlet"
     """robogauntlet, or libero for policies trained on LIBERO's own data, which sets turn, rotation and the scales, or
-    so101 for LeRobot's SO-100 and SO-101 in degrees or pusht for gymnasium/PushT-v0 in pixels, which set joints,
-    joint_scale and the gripper's numbers, or droid for openpi's of DROID, which sets joints, velocity_scale and the
-    gripper's numbers"""
+    so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers, or droid
+    for openpi's of DROID, which sets joints, velocity_scale and the gripper's numbers, or native for tasks such as
+    gymnasium/PushT-v0, whose numbers are the environment's own: all are sent as they are"""
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """camera to the server's key"""
     proprioception: StateKeys = STATE_KEY
@@ -147,10 +151,12 @@ class Convention(BaseModel):
         for keys in self._keys_beside_each_other():
             if len(set(keys)) < len(keys):
                 raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
+        if self.is_native and (of_robots := sorted(self.model_fields_set & OF_ROBOTS)):
+            raise ValueError(f"expected no {' and no '.join(of_robots)} beside convention native")
         joints = self.width // self.arms - 1 if self.has_joints else 0
         if self.arms > 1 and not joints:
             raise ValueError(f"arms: expected joints, their number, beside it, got {self.arms} without")
-        if self.columns is not None and len(self.columns) != self.width:
+        if self.columns is not None and len(self.columns) != self.width and not self.is_native:
             kind = (
                 " for joints and gripper" if joints else f" for a {self.rotation}" if self.turns_by_quaternion else ""
             )
@@ -219,6 +225,11 @@ class Convention(BaseModel):
         return TURNS[self.turn[camera] if isinstance(self.turn, dict) else self.turn]
 
     @property
+    def is_native(self) -> bool:
+        """Whether numbers are the environment's own."""
+        return self.convention == NATIVE
+
+    @property
     def has_joints(self) -> bool:
         """Whether the answer has targets of joints, by option or convention."""
         return bool(self.joints or "joints" in PRESETS.get(self.convention, {}))
@@ -227,7 +238,7 @@ class Convention(BaseModel):
     def moves(self) -> Moves:
         """What the answer's numbers before the gripper's are."""
         if not self.has_joints:
-            return Moves.TOOL
+            return Moves.NATIVE if self.is_native else Moves.TOOL
         velocities = self.velocity_scale or "velocity_scale" in PRESETS.get(self.convention, {}).keys() - self._instead
         return Moves.VELOCITIES if velocities else Moves.TARGETS
 
@@ -245,8 +256,10 @@ class Convention(BaseModel):
         return self.rotation.startswith("quaternion")
 
     @property
-    def action_dim(self) -> int:
-        """Numbers of an action, as a task accepts them."""
+    def action_dim(self) -> int | None:
+        """Numbers of an action, as a task accepts them; None for native ones, of which the task has its own."""
+        if self.is_native:
+            return None if self.columns is None else len(self.columns)
         return self.width if self.joints else ACTION_DIM
 
     @property

@@ -145,19 +145,19 @@ class VlaEvalPolicy(WebsocketPolicy):
         session, number = self._sessions[query.episode.id], next(self._numbers)
         answer = session.connection.ask(lambda: self._frames(session, query, number))
         try:
-            decision = self._decision(answer, number)
+            decision = self._decision(answer, number, query.action_dim)
         except PolicyError:
             session.connection.close()  # more answers may follow
             raise
         session.number = session.connection.number
         return decision
 
-    def _decision(self, answer: Mapping[str, Any], number: int) -> Decision:
+    def _decision(self, answer: Mapping[str, Any], number: int, numbers: int) -> Decision:
         action = self._payload(answer, Kind.ACTION)
         try:
             if answer.get("seq") != number:
                 raise PolicyMismatch("expected the answer to the query, got another; is inference continuous?")
-            return Decision(decode_chunk(self._fitted, self._chunk(action)))
+            return Decision(decode_chunk(self._fitted, self._chunk(action), numbers))
         except (PackingError, PolicyMismatch) as error:
             raise PolicyMismatch(f"{self._server}: {error}") from None
 

@@ -44,7 +44,7 @@ def specs_of(spec: PolicySpec, numbers: int) -> dict[str, Any]:
     """
     if spec.sees is PolicyInput.PRIVILEGED_STATE:
         raise PolicyMismatch("expected a policy that sees observations, got one that acts on the true state")
-    if spec.moves is Moves.VELOCITIES:
+    if spec.moves in (Moves.VELOCITIES, Moves.NATIVE):
         raise PolicyMismatch(f"expected a policy of tools or targets of joints, got one of {spec.moves}")
     if numbers == 2 * ACTION_DIM:
         raise PolicyMismatch("expected a policy of one arm, got one of two, for which the protocol has no specs")

@@ -62,11 +62,12 @@ def fitted(options: ServerOptions, said: Mapping[str, Any]) -> ServerOptions:
         PolicyMismatch: Something cannot be converted, or is said by neither; the message names the option.
     """
     action = _read(_SPEC, said, "action_spec")
-    options = options if options.joints else _of_tool(options, action)
     if options.joints:
         _check_joints(options, action)
+    elif not options.is_native:
+        options = _of_tool(options, action)
     params, observation = _read(_PARAMS, said, "observation_params"), _read(_SPEC, said, "observation_spec")
-    if params.get("absolute_action"):
+    if params.get("absolute_action") and not options.is_native:
         raise PolicyMismatch("expected displacements, its observation_params ask for absolute_action")
     return _observed(options, observation, params)
 

@@ -181,7 +181,7 @@ class XPolicyLabPolicy(WebsocketPolicy):
         payload = self._ask("infer", {"observation": self._observation(query)}, episode, query.step)
         try:
             chunks = chunks_in(payload.get("actions"), self._fitted.actions)
-            return Decision(decode_chunk(self._fitted, chunks))
+            return Decision(decode_chunk(self._fitted, chunks, query.action_dim))
         except (PackingError, PolicyMismatch) as error:
             raise PolicyMismatch(f"{self._server}: {error}") from None
 

@@ -20,6 +20,7 @@ from robogauntlet.policies.training.lerobot_format import (
     FILES_PER_CHUNK,
     INFO_FILE,
     JOURNAL_FILE,
+    NATIVE,
     ROBOT,
     STATS_FILE,
     TASKS_FILE,
@@ -185,9 +186,10 @@ class DatasetWriter:
         with _replacing(self.folder / TASKS_FILE) as partial:
             tasks.to_parquet(partial)
         _write_json(self.folder / STATS_FILE, self._statistics())
+        robot = self.source["task"].partition("/")[0] if self.spec.body.joints else ROBOT
         info = {
             "codebase_version": CODEBASE_VERSION,
-            "robot_type": self.source["task"].partition("/")[0] if self.spec.body.joints else ROBOT,
+            "robot_type": NATIVE if self.spec.body.native else robot,
             "total_episodes": self.episodes,
             "total_frames": self.frames,
             "total_tasks": len(self._tasks),

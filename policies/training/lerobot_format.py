@@ -26,6 +26,8 @@ CODEBASE_VERSION = "v3.0"
 INFO_FILE, STATS_FILE, TASKS_FILE = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
 ROBOT = "panda"
 """`robot_type` where a tool is moved."""
+NATIVE = "native"
+"""`robot_type` where numbers are the environment's own."""
 JOURNAL_FILE = "meta/robogauntlet.json"
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
 DATA_FILE = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -114,7 +116,11 @@ def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
         raise ValueError(
             f"expected 1 to {MAX_FPS} frames per second and images of 1 to {MAX_SIZE} px, got fps {fps} and {size} px"
         )
-    return DatasetSpec(fps, tuple(images), size, _body(info["features"][ACTION]))
+    action, state = info["features"][ACTION], info["features"][STATE]
+    body = _body(action)
+    if info.get("robot_type") == NATIVE:
+        body = Body(native=tuple(map(str, action["names"])), state=tuple(map(str, state["names"])))
+    return DatasetSpec(fps, tuple(images), size, body)
 
 
 def _body(action: Mapping[str, Any]) -> Body:

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import ACTION_NAMES, ActionSpec, Body, Goal, Joint, Observation, TaskDescription
+from robogauntlet.adapters.contract import (
+    ACTION_NAMES,
+    ActionSpec,
+    Body,
+    Goal,
+    Joint,
+    Moves,
+    Number,
+    Observation,
+    TaskDescription,
+)
 from robogauntlet.adapters.frames import proprioception
 
 
@@ -57,9 +67,13 @@ def test_other_numbers_of_arms_than_one_and_two_are_refused(arms):
             "^joints: .* none of an action of a tool, found 'gripper'$",
         ),
         ({"joints": ("a", "a")}, "^joints: expected a name for each, .* found 'a'$"),
+        ({"native": ("x",), "joints": ("a",)}, "^native: expected no joints and one arm beside it$"),
+        ({"native": ("x",), "arms": 2}, "^native: expected no joints and one arm beside it$"),
+        ({"native": ("x", "x")}, "^native: expected another name for each number, found 'x' twice$"),
+        ({"state": ("x",)}, "^state: expected native beside it, found none$"),
     ],
 )
-def test_joints_without_names_of_their_own_and_velocities_of_none_are_refused(body, says):
+def test_a_body_whose_numbers_are_not_known_by_their_names_is_refused(body, says):
     with pytest.raises(ValueError, match=says):
         Body(**body)
 
@@ -82,6 +96,19 @@ def test_velocities_of_the_joints_of_two_arms_have_their_names_and_bounds():
     assert spec.high.tolist() == [2.0, 4.0, 1.0] * 2
     assert np.array_equal(spec.low, -spec.high)
     assert [spec.names[spec.joints_of(arm)][0] for arm in (0, 1)] == ["shoulder_velocity", "second_shoulder_velocity"]
+
+
+def test_native_numbers_have_the_names_and_bounds_of_their_environment():
+    spec = ActionSpec(0.0, 0.0, 10.0, ("y",), numbers=(Number("x", 0.0, 512.0), Number("y")), state=("x", "y", "speed"))
+    assert (spec.names, spec.body.proprioception_names, spec.ignored_indices) == (("x", "y"), ("x", "y", "speed"), [1])
+    assert spec.body.moves is Moves.NATIVE
+    assert (spec.low.tolist(), spec.high.tolist()) == ([0.0, -np.inf], [512.0, np.inf])
+    assert Observation({}, np.zeros(3), "", native=2).action_dim == 2
+
+
+def test_a_goal_beside_native_numbers_is_refused():
+    with pytest.raises(ValueError, match=r"^goal: expected none beside native numbers"):
+        TaskDescription("go", 10, native=("x",), goal=Goal("x_position", "y_position"))
 
 
 def test_the_numbers_of_one_arm_have_no_prefix():

@@ -11,14 +11,18 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import ActionSpec, TaskUnavailable
+from robogauntlet.adapters.body import NO_METRES
+from robogauntlet.adapters.contract import ActionSpec, TaskUnavailable, UnsupportedCondition
 from robogauntlet.adapters.gymnasium import SIMULATOR, Base, EnvironmentMapping, declare
 from robogauntlet.adapters.mujoco_scene import orbit_camera
 from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.policies.catalog import load
-from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, View
+from robogauntlet.policies.contract import PolicyInput, PolicyMismatch, PolicySpec, check_tasks
+from robogauntlet.suites.episode import CAMERAS, Condition, Episode, Perturbation, Protocol, View
 from tests import ROOT
 from tests.adapters.goals import check_goal
+from tests.errors import one_line_error
 
 VIEW = View(CAMERAS[:1], 32)
 PAGE = (ROOT / "docs" / "simulators.md").read_text(encoding="utf-8")
@@ -199,18 +203,47 @@ def test_the_package_of_the_page_is_found_and_played(tmp_path):
     assert done.stdout.splitlines()[-1:] == ["False False"], done.stderr
 
 
-@pytest.mark.simulator
-def test_pusht_is_seen_as_the_environments_own_observations_and_moved_in_metres():
+@pytest.fixture
+def pusht():
     pytest.importorskip("gym_pusht")
     with closing(SIMULATOR.open("PushT-v0", View(CAMERAS[:1], 48))) as simulation:
-        simulation.reset(7)
-        for _ in range(20):
-            outcome = simulation.step(np.array([0.1, 0.4, 0.0]))
-        world, state = simulation._world, simulation.privileged_state()
-        np.testing.assert_allclose(state["joint_angles"], [0.1, 0.4], atol=1e-3)
-        np.testing.assert_allclose(state["tcp_position"], [0.1, -0.4, 0.0], atol=1e-3)
-        np.testing.assert_allclose(simulation.observe().proprioception[:2], np.array(world.agent.position) / 1000)
-        seen = simulation.observe().images["third_person"]
-        world.obs_type, world.observation_width, world.observation_height = "pixels_agent_pos", 48, 48
-        np.testing.assert_array_equal(seen, world.get_obs()["pixels"])
-        assert (outcome.reward, outcome.success) == (min(1.0, world._get_coverage() / 0.95), False)
+        yield simulation
+
+
+@pytest.mark.simulator
+def test_pusht_is_seen_as_the_environments_own_observations_and_moved_in_its_pixels(pusht):
+    pusht.reset(7)
+    for _ in range(20):
+        outcome = pusht.step(np.array([100.0, 400.0]))
+    world, seen = pusht._world, pusht.observe()
+    np.testing.assert_allclose(seen.proprioception, [100.0, 400.0], atol=1.0)
+    np.testing.assert_array_equal(seen.proprioception, world.agent.position)
+    np.testing.assert_array_equal(pusht.privileged_state()["still"], [100.0, 400.0])
+    world.obs_type, world.observation_width, world.observation_height = "pixels_agent_pos", 48, 48
+    np.testing.assert_array_equal(seen.images["third_person"], world.get_obs()["pixels"])
+    assert (outcome.reward, outcome.success) == (min(1.0, world._get_coverage() / 0.95), False)
+
+
+@pytest.mark.simulator
+def test_native_numbers_are_played_delayed_and_seen_worse_and_have_no_behaviour_and_no_noise(pusht):
+    def play(policy, **condition):
+        protocol = Protocol(12, 4, View(CAMERAS[:1], 48))
+        conditions = [Perturbation(*one) for one in condition.items()]
+        episode = Episode(policy, policy, "gymnasium/PushT-v0", 3, protocol, Condition.of(*conditions))
+        return rollout(pusht, load(policy, {}), episode)
+
+    row = play("untrained")
+    assert (row.status, row.path_length, row.gripper_openings, row.progress) == ("failure", None, None, None)
+    delayed = play("random", **{"action-delay": 5})
+    assert delayed.delivered == 400.0
+    assert delayed.final_state_hash != play("random").final_state_hash
+    assert play("untrained", noise=3).delivered is not None
+    assert play("zero").final_state_hash == play("zero", **{"action-delay": 5}).final_state_hash
+    with one_line_error(UnsupportedCondition, "action-noise.*an action is of the environment's own numbers"):
+        play("random", **{"action-noise": 2})
+    assert why_impossible(Condition("action-noise", 2), "gymnasium/PushT-v0") == NO_METRES
+    with one_line_error(PolicyMismatch, "PushT-v0 accepts 2 numbers per action, the policy produces 7"):
+        check_tasks(PolicySpec(PolicyInput.OBSERVATION, 8), ["gymnasium/PushT-v0"])
+    two = PolicySpec(PolicyInput.OBSERVATION, 8, action_dim=2)
+    with one_line_error(PolicyMismatch, "PushT-v0 accepts numbers of the environment's own, .* those of a robot"):
+        check_tasks(two, ["gymnasium/PushT-v0"])

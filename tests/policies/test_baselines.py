@@ -1,12 +1,13 @@
 """The no-skill baselines act in every task, within its bounds, and as ever where one arm's tool is moved."""
 
 import hashlib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import ActionSpec, Joint, Observation
+from robogauntlet.adapters.contract import ActionSpec, Joint, Number, Observation
 from robogauntlet.adapters.motion import standing_still
 from robogauntlet.orchestrator.inference.ray_policy_server import _black_queries
 from robogauntlet.policies.catalog import digest, load
@@ -67,6 +68,22 @@ def test_targets_are_within_the_limits_of_joints_and_fill_them(policy):
     assert (high <= JOINTS.high).all()
     if policy == "random":
         np.testing.assert_allclose((low - JOINTS.low, JOINTS.high - high), 0.0, atol=0.05)
+
+
+NATIVE = ActionSpec(0.0, 0.0, 20.0, numbers=(Number("x", 0.0, 512.0), Number("y", -1.0, 1.0)), state=("x",))
+
+
+@pytest.mark.parametrize("policy", ["random", "untrained"])
+def test_native_numbers_are_within_their_bounds_and_those_without_are_refused_in_a_line(policy):
+    asked = query(JOINTS)
+    seen = replace(asked.observation, of_joints=False, native=2)
+    chunk = load(policy, {}).act([replace(asked, observation=seen, action_spec=NATIVE)])[0].actions
+    assert chunk.shape == (8, 2)
+    assert ((NATIVE.low <= chunk) & (chunk <= NATIVE.high)).all()
+    assert chunk[:, 0].max() > 1.0
+    without = replace(NATIVE, numbers=(Number("x"),))
+    with one_line_error(PolicyMismatch, "expected numbers within bounds to draw from, those of null/Reach have none"):
+        load(policy, {}).act([replace(asked, observation=replace(seen, native=1), action_spec=without)])
 
 
 @pytest.mark.parametrize("policy", ["random", "untrained"])

@@ -54,6 +54,8 @@ class DatasetMixture:
         self.proprioception_dim = max(dataset.spec.body.proprioception_dim for dataset in datasets)
         bodies: dict[str, Body] = {}
         for dataset in datasets:
+            if dataset.spec.body.native:
+                raise DatasetError(f"{dataset.folder}: expected actions of a robot, got {dataset.spec.body.moves}")
             if (expected := bodies.setdefault(dataset.task, dataset.spec.body)) != dataset.spec.body:
                 raise DatasetError(
                     f"{dataset.folder}: expected actions of {', '.join(expected.action_names)}, as in another dataset "

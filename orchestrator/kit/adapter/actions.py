@@ -201,7 +201,7 @@ def joints(subject: CheckedTask) -> Iterator[Violation]:
         yield from expect(abs(stepped - most) <= 1e-3, expected, f"{stepped:.3f} rad")
 
 
-@check("action-gripper", look="Simulation.step and finger_positions: -1 opens, +1 closes")
+@check("action-gripper", look="Simulation.step and finger_positions: -1 opens, +1 closes", of_robots=True)
 def gripper(subject: CheckedTask) -> Iterator[Violation]:
     """The gripper opens at -1 and closes at +1, unless it is declared ignored."""
     for arm in subject.arms:
@@ -228,7 +228,9 @@ def ignored(subject: CheckedTask) -> Iterator[Violation]:
     """Dimensions that are declared ignored have no effect, each other dimension has one."""
     spec = subject.simulation.action_spec
     subject.reset()
-    low, high = (np.where(bound != 0.0, bound, sign * ANGLE) for bound, sign in ((spec.low, -1), (spec.high, 1)))
+    low, high = subject.bounds()
+    if not spec.numbers:
+        low, high = (np.where(bound != 0.0, bound, sign * ANGLE) for bound, sign in ((low, -1), (high, 1)))
     moving = subject.action(dx=0.5 * subject.length(0.02), gripper=0.5)
     moving[spec.ignored_indices] = 0.0
     usual = _end(subject, moving)
@@ -249,10 +251,12 @@ def clipped(subject: CheckedTask) -> Iterator[Violation]:
     """An action beyond the bounds is clipped to them."""
     spec = subject.simulation.action_spec
     signs = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0] * spec.arms)
-    if spec.joints:
+    if spec.joints or spec.numbers:
         signs = np.resize([1.0, -1.0], len(spec.high))
     signs[spec.ignored_indices] = 0.0
-    bounds = np.where(signs < 0.0, -spec.low, spec.high) * signs
+    low, high = subject.bounds()
+    signs[~np.isfinite(spec.steps)] = 0.0
+    bounds = np.where(signs < 0.0, -low, high) * signs
     steps = max((math.ceil((joint.high - joint.low) / joint.step) for joint in spec.joints), default=5)
     same = _end(subject, bounds, steps) == _end(subject, 3.0 * bounds, steps)
     yield from expect(same, "3 times the bounds to do what the bounds do", "another state after 5 steps")
@@ -330,7 +334,7 @@ def _one_way_each(subject: CheckedTask, horizon: int) -> Iterator[tuple[FloatArr
     """Actions and steps that go one way: nowhere for the horizon, then up and down in each number for a while."""
     spec, still = subject.simulation.action_spec, subject.action()
     yield still, horizon
-    for number, bounds in enumerate(zip(spec.low, spec.high, strict=True)):
+    for number, bounds in enumerate(zip(*subject.bounds(), strict=True)):
         for bound in () if spec.names[number] in spec.ignored else bounds:
             action = still.copy()
             action[number] = bound

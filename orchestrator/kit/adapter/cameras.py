@@ -66,7 +66,12 @@ def _third_person_only(subject: CheckedTask) -> None:
         raise NotApplicable("the third-person camera is not rendered")
 
 
-@check("camera-upright", look="the rows of the images: OpenGL's and Bullet's buffers begin at the bottom", renders=True)
+@check(
+    "camera-upright",
+    look="the rows of the images: OpenGL's and Bullet's buffers begin at the bottom",
+    renders=True,
+    of_robots=True,
+)
 def upright(subject: CheckedTask) -> Iterator[Violation]:
     """The third-person image is upright."""
     _third_person_only(subject)

@@ -51,6 +51,8 @@ class Check:
     """Whether one task of a simulator is enough."""
     of_joints: bool | None = None
     """Whether it is for tasks with the targets of joints (True), for those that move a tool (False), or for both."""
+    of_robots: bool = False
+    """Whether it needs the tool, joints or gripper of a robot, which native numbers do not show."""
 
     def run(self, subject: CheckedTask) -> list[Finding]:
         """Run the check in a task and return at least one finding, one for each violation."""
@@ -63,6 +65,8 @@ class Check:
         try:
             if self.renders and not subject.simulator.renders:
                 raise NotApplicable("this simulator does not render")
+            if (body := subject.description.body).native and (self.of_robots or self.of_joints is not None):
+                raise NotApplicable(f"an action has {body.moves}")
             if self.of_joints not in (None, bool(subject.description.joints)):
                 raise NotApplicable("an action moves the tool" if self.of_joints else "an action has targets of joints")
             violations = list(self.body(subject))
@@ -81,13 +85,19 @@ class Check:
 
 
 def check(
-    name: str, *, look: str, renders: bool = False, once: bool = False, of_joints: bool | None = None
+    name: str,
+    *,
+    look: str,
+    renders: bool = False,
+    once: bool = False,
+    of_joints: bool | None = None,
+    of_robots: bool = False,
 ) -> Callable[[Body], Check]:
     """Turn a function into a check; the first line of its docstring is the promise."""
 
     def decorate(body: Body) -> Check:
         promise = (body.__doc__ or "").strip().splitlines()[0].rstrip(".")
-        return Check(name, promise[0].lower() + promise[1:], look, body, renders, once, of_joints)
+        return Check(name, promise[0].lower() + promise[1:], look, body, renders, once, of_joints, of_robots)
 
     return decorate
 

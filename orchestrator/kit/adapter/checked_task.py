@@ -142,7 +142,13 @@ class CheckedTask:
     def length(self, wanted: float) -> float:
         """A translation of the tool (m), shortened to what the simulation accepts in a step."""
         spec = self.simulation.action_spec
-        return wanted if spec.joints else min(wanted, spec.max_translation)
+        return wanted if spec.joints or spec.numbers else min(wanted, spec.max_translation)
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """The bounds of an action; of numbers without, some beside the present."""
+        spec, still = self.simulation.action_spec, self.action()
+        low, high = spec.low, spec.high
+        return np.where(np.isfinite(low), low, still - 1.0), np.where(np.isfinite(high), high, still + 1.0)
 
     def action(self, **values: float) -> FloatArray:
         """An action with open grippers and the given numbers; joints move as far as the tool would be moved."""
@@ -156,8 +162,14 @@ class CheckedTask:
         return action
 
     def moving(self, **values: float) -> FloatArray:
-        """The same for a translation, or for one as long that the arm can make: a planar arm stays in its plane."""
+        """The same for a translation, or for one as long that the arm can make: a planar arm stays in its plane.
+
+        Native numbers go half the way to their farther bounds.
+        """
         spec, names = self.simulation.action_spec, ACTION_NAMES[:3]
+        if spec.numbers:
+            still, (low, high) = self.action(), self.bounds()
+            return np.where(high - still > still - low, (still + high) / 2, (still + low) / 2)
         way = np.array([values.get(name, 0.0) for name in names])
         length = float(np.linalg.norm(way))
         if spec.joints:
@@ -177,6 +189,8 @@ class CheckedTask:
         Targets of joints walk at random from the present ones.
         """
         spec, generator = self.simulation.action_spec, np.random.default_rng(seed)
+        if spec.numbers:
+            return generator.uniform(*self.bounds(), (count, len(spec.numbers)))
         if spec.joints:
             drawn, still = generator.uniform(-1.0, 1.0, (count, len(spec.names))), self.action()
             for there in map(spec.joints_of, range(spec.arms)):

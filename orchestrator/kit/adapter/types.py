@@ -33,7 +33,7 @@ FLAT = 5.0
 MOST_TURNED = 7.0
 """Largest angle of a joint (rad)."""
 OF_JOINTS = {"max_translation": (0.0, 0.0, "m"), "max_rotation": (0.0, 0.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
-"""The same as `PER_STEP`, where an action is of joints."""
+"""The same as `PER_STEP`, where no tool is moved."""
 PER_STEP = {"max_translation": (1e-4, 0.2, "m"), "max_rotation": (0.0, 1.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
 """Plausible values for one control step: least, greatest, unit."""
 HEAVY = ("torch", "mujoco", "sapien", "pybullet", "gymnasium", "jax", "tensorflow", "cv2")
@@ -90,7 +90,7 @@ def specs(subject: CheckedTask) -> Iterator[Violation]:
         seen = f"{type(action).__name__}, {type(observed).__name__}"
         yield Violation("an ActionSpec and an ObservationSpec", seen)
         return
-    plausible = OF_JOINTS if action.joints else PER_STEP
+    plausible = OF_JOINTS if action.joints or action.numbers else PER_STEP
     for name, (low, high, unit) in plausible.items():
         value = getattr(action, name)
         yield from expect(low <= value <= high, f"{name} of {low:g} to {high:g} {unit}", f"{value:g}")
@@ -98,6 +98,14 @@ def specs(subject: CheckedTask) -> Iterator[Violation]:
         known = -MOST_TURNED <= joint.low < joint.high <= MOST_TURNED and 0.0 < joint.step <= 1.0
         expected = f"{joint.name} from low to high, within {MOST_TURNED:g} rad, and a step of at most 1 rad"
         yield from expect(known, expected, f"{joint.low:g} to {joint.high:g}, step {joint.step:g}")
+    for number in action.numbers:
+        expected = f"{number.name} with low below high"
+        yield from expect(number.low < number.high, expected, f"{number.low:g} to {number.high:g}")
+    described = subject.description
+    pairs = {"numbers": (action.body.native, described.native), "state": (action.state, described.state)}
+    for what, (own, wanted) in pairs.items():
+        expected = f"{what} {', '.join(wanted) or 'none'}, as the TaskDescription says"
+        yield from expect(own == wanted, expected, ", ".join(own) or "none")
     arms, joints = subject.description.arms, subject.description.joints
     yield from expect(action.arms == arms, f"{arms} as `arms`, as the TaskDescription says", f"{action.arms}")
     same = action.body.joints == joints
@@ -107,7 +115,7 @@ def specs(subject: CheckedTask) -> Iterator[Violation]:
     yield from expect(same, f"{moves}, as the TaskDescription says", action.body.moves)
     unknown = set(action.ignored) - set(action.names)
     yield from expect(not unknown, f"`ignored` out of {', '.join(action.names)}", _listed(unknown))
-    rotations = {name for name in action.names if name.endswith(("rx", "ry", "rz"))}
+    rotations = {name for name in action.names if name.endswith(("rx", "ry", "rz")) and not action.numbers}
     declared = action.max_rotation != 0.0 or rotations <= set(action.ignored)
     expected = "rotations declared in `ignored` where max_rotation is 0"
     yield from expect(declared, expected, f"ignored: {action.ignored}")
@@ -128,6 +136,8 @@ def observation(subject: CheckedTask) -> Iterator[Violation]:
     numbers = spec.body.proprioception_dim
     same = seen.of_joints == bool(spec.joints)
     yield from expect(same, f"`of_joints` {bool(spec.joints)}, as the ActionSpec says", seen.of_joints)
+    native = len(spec.numbers) or None
+    yield from expect(seen.native == native, f"`native` {native}, as the ActionSpec says", seen.native)
     expected = f"images of {', '.join(cameras)}, in this order"
     yield from expect(tuple(seen.images) == cameras, expected, ", ".join(seen.images) or "none")
     for camera, image in seen.images.items():
@@ -147,7 +157,11 @@ def images(subject: CheckedTask) -> Iterator[Violation]:
         yield from expect(contrast >= FLAT, expected, f"{contrast:.1f}")
 
 
-@check("units", look="the base frame and the units of privileged_state and proprioception: metres, radians")
+@check(
+    "units",
+    look="the base frame and the units of privileged_state and proprioception: metres, radians",
+    of_robots=True,
+)
 def units(subject: CheckedTask) -> Iterator[Violation]:
     """The tool starts in front of the base, pointing down, in metres and radians."""
     simulation = subject.reset()
@@ -183,14 +197,19 @@ def _joint_units(joints: Sequence[Joint], part: str, own: FloatArray) -> Iterato
 
 @check("privileged-state", look="Simulation.privileged_state")
 def privileged_state(subject: CheckedTask) -> Iterator[Violation]:
-    """The privileged state has tool, fingers and objects, as finite float64 arrays."""
+    """The privileged state has tool, fingers and objects, or what is native, as finite float64 arrays."""
     state = subject.reset().privileged_state()
     if not isinstance(state, Mapping):
         yield Violation("a mapping of names to arrays", type(state).__name__)
         return
     expected_names = names_of_arms(("tcp_position", "tcp_quaternion", "finger_positions"), len(subject.arms))
     of_second = ("second_base_position", "second_base_quaternion") if len(subject.arms) == 2 else ()
-    width = len(subject.simulation.action_spec.joints)
+    spec = subject.simulation.action_spec
+    width = len(spec.joints)
+    if spec.numbers:
+        expected_names = ("state", "still")
+        yield from _array("state", state.get("state"), (len(spec.state),), np.dtype(np.float64))
+        yield from _array("still", state.get("still"), (len(spec.numbers),), np.dtype(np.float64))
     one = {"joint_angles": (width,), "joint_targets": (width,), "gripper": (1,), "tcp_jacobian": (6, width)}
     of_joints = {f"{arm}{name}": shape for arm in subject.arms for name, shape in one.items()}
     for name in (*expected_names, *of_second, *(of_joints if width else ())):
@@ -214,6 +233,10 @@ def proprioception(subject: CheckedTask) -> Iterator[Violation]:
     for action in subject.random_actions(5, 6):
         simulation.step(action)
     seen, state = simulation.observe().proprioception, simulation.privileged_state()
+    if simulation.action_spec.numbers:
+        same = np.allclose(seen, state["state"], atol=1e-6, rtol=0.0)
+        yield from expect(same, f"state: {_numbers(state['state'])}", _numbers(seen))
+        return
     for arm, own in zip(subject.arms, np.split(seen, len(subject.arms)), strict=True):
         if subject.simulation.action_spec.joints:
             true = np.append(state[f"{arm}joint_angles"], state[f"{arm}gripper"])

@@ -46,6 +46,20 @@ def limits(plays: Sequence[Play], spec: ActionSpec) -> Iterator[Finding]:
         yield _rotation(actions[:, 3:6], spec.max_rotation)
 
 
+def native(plays: Sequence[Play], spec: ActionSpec) -> Iterator[Finding]:
+    """The range of each of the environment's own numbers, and the share outside its bounds."""
+    actions = np.concatenate([play.actions() for play in plays])
+    yield from constant(actions)
+    outside = (actions < spec.low - 1e-9) | (actions > spec.high + 1e-9)
+    for number, values, beyond in zip(spec.numbers, actions.T, outside.T, strict=True):
+        share, lowest, highest = float(beyond.mean()), float(values.min()), float(values.max())
+        text = f"{lowest:.3g} to {highest:.3g}, within {number.low:g} to {number.high:g}"
+        if share:
+            text = f"{text.replace('within', 'bounds')}: {percent(share)} of the actions are clipped"
+        numbers = {"share_outside": share, "lowest": lowest, "highest": highest}
+        yield Finding(number.name, Level.WARNING if share > 0.5 else Level.OK, text, numbers)
+
+
 def constant(actions: FloatArray) -> Iterator[Finding]:
     """Whether all actions, shape (steps, numbers of an action), are the same."""
     if len(actions) > 1 and (actions == actions[0]).all():

@@ -185,12 +185,14 @@ class _Check:
         replan_every = first.episode.protocol.replan_every
         yield from actions.answers([first, other, again], replan_every)
         limits = {Moves.TOOL: actions.limits, Moves.TARGETS: joints.targets, Moves.VELOCITIES: joints.velocities}
+        limits[Moves.NATIVE], moves = actions.native, list[motion.Movement]()
         yield from limits[spec.body.moves](plays, spec)
-        moves = list(motion.movements(simulation, plays))
-        yield from motion.components(simulation, executed, moves)
-        yield from actions.gripper(plays, spec)
-        yield from motion.fingers(simulation, probe.seed)
-        yield from motion.whole(first)
+        if not spec.numbers:
+            moves += motion.movements(simulation, plays)
+            yield from motion.components(simulation, executed, moves)
+            yield from actions.gripper(plays, spec)
+            yield from motion.fingers(simulation, probe.seed)
+            yield from motion.whole(first)
         shown = [] if policy.spec.sees is not PolicyInput.OBSERVATION else self._images(first)
         if shown:
             yield _sent(shown[0][1])

@@ -80,7 +80,10 @@ def _charts(actions: FloatArray, spec: ActionSpec, effects: Mapping[str, str]) -
     page = Image.new("RGB", (left + CHART_WIDTH + right, len(spec.names) * CHART_HEIGHT + 2 * MARGIN), PAPER)
     draw = ImageDraw.Draw(page)
     for index, (name, label) in enumerate(zip(spec.names, labels, strict=True)):
-        values, bounds = actions[:, index], (float(spec.low[index]), float(spec.high[index]))
+        values, bounds = (
+            actions[:, index],
+            [bound for bound in (*spec.low[[index]], *spec.high[[index]]) if abs(bound) < np.inf],
+        )
         top = MARGIN + index * CHART_HEIGHT
         middle, half = top + CHART_HEIGHT / 2, CHART_HEIGHT / 2 - 5
         scale = half / (max(float(np.abs(values).max()), *map(abs, bounds)) or 1.0)

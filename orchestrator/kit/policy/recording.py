@@ -49,7 +49,7 @@ class Play:
     episode: Episode
     answers: Sequence[Answer]
     tool: FloatArray
-    """Positions of the tool after each step, beginning with the reset, shape (steps + 1, 3), m."""
+    """Positions of the tool after each step, beginning with the reset, shape (steps + 1, 3), m; 0 without a tool."""
     distances: dict[str, FloatArray]
     """Name of an object or goal to its distance from the tool, shape (steps + 1,), m."""
     joint_angles: FloatArray
@@ -150,6 +150,9 @@ def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
     def watch(simulation: Simulation, step: int) -> None:
         nonlocal start
         state = simulation.privileged_state()
+        if simulation.action_spec.numbers:
+            tool.append(np.zeros(3))
+            return
         tool.append(state["tcp_position"])
         if step == 0 and simulation.action_spec.body.moves is Moves.TARGETS:
             start = state["joint_angles"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robogauntlet.policies import catalog
-from robogauntlet.policies.contract import PolicyMismatch
+from robogauntlet.policies.contract import PolicyMismatch, check_tasks
 from robogauntlet.results.api import open_run
 from tests import ROOT
 from tests.own_environments import FOLDER
@@ -18,7 +18,7 @@ START, COUNT, HORIZON = 360_145, 5, 60
 """Of them, the block starts over nine tenths of its outline in the second, and the policy happens to finish it."""
 SUITE = f"""
 name: pusht
-policies: [{{name: act, kind: lerobot, options: {{checkpoint: act, convention: pusht}}}}]
+policies: [{{name: act, kind: lerobot, options: {{checkpoint: act, convention: native}}}}]
 tasks: [gymnasium/PushT-v0]
 cameras: [third_person]
 image_size: 96
@@ -75,10 +75,14 @@ def test_its_evaluation_and_ours_have_the_same_successes_and_rewards(evaluating,
     assert sum(reward > 0.1 for reward in theirs["sum_rewards"]) >= 3
 
 
-def test_a_checkpoint_of_pusht_needs_no_gripper_and_plays_its_task_alone(bare):
+def test_a_checkpoint_of_native_numbers_plays_tasks_of_as_many_alone(bare):
     folder = bare(input_features=FEATURES, output_features=ACTIONS)
-    spec = catalog.spec("lerobot", {"checkpoint": str(folder), "convention": "pusht"})
+    spec = catalog.spec("lerobot", {"checkpoint": str(folder), "convention": "native"})
     assert spec.can_act_in("gymnasium/PushT-v0")
     assert not spec.can_act_in("so101/Stack")
+    others = bare(input_features=FEATURES, output_features={"action": {"shape": [3]}})
+    spec = catalog.spec("lerobot", {"checkpoint": str(others), "convention": "native"})
+    with pytest.raises(PolicyMismatch, match="PushT-v0 accepts 2 numbers per action, the policy produces 3"):
+        check_tasks(spec, ["gymnasium/PushT-v0"])
     with pytest.raises(PolicyMismatch, match=r"expected observation\.state of 8 numbers"):
         catalog.spec("lerobot", {"checkpoint": str(folder)})

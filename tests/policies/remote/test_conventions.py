@@ -1,13 +1,16 @@
 """Other conventions: turned images, Euler angles and quaternions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import Observation
+from robogauntlet.adapters.contract import Moves, Observation
 from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, turn_image
+from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.protocol import as_message, query_in
 from robogauntlet.policies.remote.server_options import read_options
 from robogauntlet.suites.episode import CAMERAS, Episode, Protocol
@@ -193,11 +196,71 @@ def test_options_of_joints_that_do_not_fit_are_one_line(options, says):
         server_options(**options)
 
 
+NATIVE = Observation({"third_person": np.zeros((8, 8, 3), np.uint8)}, np.array([3.0, 200.0]), "push", native=3)
+PUSHT = Episode("p", "p", "gymnasium/PushT-v0", 0, Protocol(8))
+
+
+def test_native_numbers_are_sent_and_read_as_they_are():
+    options = server_options(convention="native", cameras={"third_person": "image"})
+    sent = encode_observation(options, NATIVE, PUSHT)
+    assert sent["observation/state"].tolist() == [3.0, 200.0]
+    rows = np.array([[1.0, 300.0, -7.5]])
+    np.testing.assert_array_equal(decode_chunk(options, {"actions": rows}, 3), rows)
+    with one_line_error(
+        PolicyMismatch, r"expected 'actions' of shape \(n, 2\).* got \(1, 3\); choose .* by option columns"
+    ):
+        decode_chunk(options, {"actions": rows}, 2)
+    chosen = server_options(convention="native", cameras={"third_person": "image"}, columns=[2, None])
+    np.testing.assert_array_equal(decode_chunk(chosen, {"actions": rows}, 2), [[-7.5, 0.0]])
+
+
+@pytest.mark.parametrize("option", [{"joints": 2}, {"gripper_open": 0.0}, {"translation_scale": 0.1}, {"arms": 2}])
+def test_options_of_robots_are_refused_beside_native_numbers_in_one_line(option):
+    (name,) = option
+    with one_line_error(PolicyError, f"expected no {name} beside convention native"):
+        server_options(convention="native", **option)
+
+
+@pytest.mark.parametrize(
+    ("options", "observation", "says"),
+    [
+        ({}, NATIVE, "expected a task with motions of the tool, .* has numbers of the environment's own"),
+        (SO101, NATIVE, "expected a task with 6 numbers of joints, .* has numbers of the environment's own"),
+        (
+            {"convention": "native"},
+            replace(NATIVE, native=None),
+            "with numbers of the environment's own, .* has motions",
+        ),
+    ],
+)
+def test_policies_of_robots_and_of_native_numbers_refuse_each_others_tasks(options, observation, says):
+    given = server_options(**options, cameras={"third_person": "image"})
+    with one_line_error(PolicyMismatch, says):
+        encode_observation(given, observation, PUSHT)
+
+
+@pytest.mark.parametrize("spec", [{"action_dim": None}, {"action_dim": 3, "moves": Moves.NATIVE}])
+def test_an_observation_of_native_numbers_passes_a_server_of_robogauntlet_unchanged(spec):
+    asked = Query(PUSHT, 3, NATIVE)
+    received = query_in(as_message(asked, []), PUSHT, 3, PolicySpec(PolicyInput.OBSERVATION, 8, **spec)).observation
+    assert (received.native, received.action_dim, received.of_joints) == (3, 3, False)
+    assert received.proprioception.tolist() == [3.0, 200.0]
+
+
+@pytest.mark.parametrize("number", [0, "2", 10**9])
+def test_a_number_of_native_numbers_that_is_none_is_refused_in_one_line(number):
+    message = {**as_message(Query(PUSHT, 3, NATIVE), []), "robogauntlet/native": number}
+    with one_line_error(PackingError, "expected 1 to 10000 numbers of an action as robogauntlet/native, got"):
+        query_in(message, PUSHT, 3, PolicySpec(PolicyInput.OBSERVATION, 8, None))
+
+
 @pytest.mark.parametrize(("options", "of_joints", "numbers"), [(SO101, False, 8), ({}, True, 6), (SO101, True, 7)])
 def test_a_task_of_other_numbers_is_refused_in_one_line(options, of_joints, numbers):
     shown = Observation({"third_person": np.zeros((8, 8, 3), np.uint8)}, np.zeros(numbers), "go", of_joints)
     given = server_options(**options, cameras={"third_person": "image"})
-    with one_line_error(PolicyMismatch, "expected a task with .*, so101/Stack has .*; see options joints and arms"):
+    with one_line_error(
+        PolicyMismatch, "expected a task with .*, so101/Stack has .*; see options convention, joints and arms"
+    ):
         encode_observation(given, shown, Episode("p", "p", "so101/Stack", 0, Protocol(8)))
 
 

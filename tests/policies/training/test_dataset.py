@@ -91,6 +91,15 @@ def test_demonstrations_with_the_targets_of_joints_are_read_back_with_their_name
     assert mixture.statistics.of("null/Reach").of_joints
 
 
+def test_recordings_of_native_numbers_are_read_back_with_their_names_and_not_trained_on(tmp_path):
+    body = Body(native=("x", "y"), state=("x", "y", "speed"))
+    write(tmp_path, [recording(states=np.ones((12, 3)), actions=np.full((12, 2), 300.0), body=body)])
+    read = Demonstrations(tmp_path)
+    assert read.spec.body == body
+    with one_line_error(DatasetError, "expected actions of a robot, got numbers of the environment's own"):
+        DatasetMixture([read])
+
+
 def test_velocities_of_joints_of_two_arms_are_read_back_and_end_with_their_episode(tmp_path):
     body = Body(2, ("shoulder", "elbow"), velocities=True)
     recorded = recording(states=np.ones((12, 6)), actions=np.full((12, 6), 0.5), body=body)

@@ -9,7 +9,12 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.kit.adapter.checked_task import VIEW, CheckedTask
 from robogauntlet.policies import oracles
 from robogauntlet.policies.oracles.plugins import load_oracles
-from tests.orchestrator.kit.adapter import camera_variants, object_variants, two_arm_variants  # noqa: F401  register them
+from tests.orchestrator.kit.adapter import (  # noqa: F401  register them
+    camera_variants,
+    native_variants,
+    object_variants,
+    two_arm_variants,
+)
 from tests.orchestrator.kit.adapter.variants import VARIANTS
 
 

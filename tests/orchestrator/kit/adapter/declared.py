@@ -1,7 +1,12 @@
 """The targets of the variants' entry points."""
 
 from robogauntlet.orchestrator.kit.template.adapter.robogauntlet_toysim.oracle import Reach
-from tests.orchestrator.kit.adapter import camera_variants, object_variants, two_arm_variants  # noqa: F401  register them
+from tests.orchestrator.kit.adapter import (  # noqa: F401  register them
+    camera_variants,
+    native_variants,
+    object_variants,
+    two_arm_variants,
+)
 from tests.orchestrator.kit.adapter.variants import VARIANTS
 
 

@@ -113,6 +113,11 @@ VIOLATIONS = [
     ("velocitiesperstep", "action-joints", "first to turn by +0.10 rad when its target does"),
     ("saystargets", "specs", "targets of joints, as the TaskDescription says; seen: velocities of joints"),
     ("hidesthetargets", "privileged-state", "`joint_targets`"),
+    ("followsbeyond", "action-clipped", "3 times the bounds to do what the bounds do"),
+    ("othernumbers", "specs", "numbers x, y, z, as the TaskDescription says; seen: east, north, height"),
+    ("hideswhatisstill", "privileged-state", "still as an array; seen: NoneType"),
+    ("ofarobot", "observation", "`native` 3, as the ActionSpec says; seen: None"),
+    ("readselsewhere", "proprioception", "state: ["),
     ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
     ("keepsfiles", "closes", "2 more file descriptor(s)"),
     ("keepsthreads", "closes", "2 more Python thread(s)"),
@@ -156,6 +161,21 @@ def test_a_correct_adapter_of_two_arms_fails_no_check_of_its_numbers(subject, ch
 @pytest.mark.parametrize("variant", ["jointsarecorrect", "planar", "velocities"])
 def test_a_correct_adapter_of_joints_fails_no_check_of_its_numbers(subject, check, variant):
     assert Level.FAILED not in {result.level for result in CHECKS[check].run(subject(variant))}
+
+
+@pytest.mark.parametrize("variant", ["nativeiscorrect", "unbounded"])
+def test_a_correct_adapter_of_native_numbers_fails_no_check_and_those_of_robots_say_why_they_are_skipped(
+    subject, variant
+):
+    apart = {"seeds-new-process", "memory", "pace", "oracle"}
+    found = {name: check.run(subject(variant))[0] for name, check in CHECKS.items() if name not in apart}
+    assert [str(finding) for finding in found.values() if finding.level is Level.FAILED] == []
+    skipped = {name for name, one in found.items() if one.text == "an action has numbers of the environment's own"}
+    assert skipped == {
+        *(f"action-{name}" for name in ("dx", "dy", "dz", "rx", "ry", "rz", "joints", "gripper")),
+        *("units", "camera-upright"),
+    }
+    assert {found[name].level for name in ("seeds", "present", "state-hash", "action-ignored")} == {Level.OK}
 
 
 @pytest.mark.parametrize("check", ["state-hash", "present"])
