@@ -269,6 +269,11 @@ def test_the_quick_start_is_followed_word_by_word(program, tmp_path):
         assert f"{number} of {number} episodes" in printed
     assert re.search(r"act pybullet/PandaReach-v3\s+clean\s+0\.90", printed)
     assert (tmp_path / "runs" / "first" / "report.html").is_file()
+
+
+@pytest.mark.nightly
+@pytest.mark.simulator
+def test_all_that_the_quick_start_installs_works(program, tmp_path):
     assert "everything that is installed works" in run(program, "check", "installation", cwd=tmp_path)
 
 

@@ -29,13 +29,12 @@ def test_the_suite_of_the_section_is_valid_where_lerobot_is_not_installed(bare, 
 @pytest.mark.slow
 @pytest.mark.simulator
 @pytest.mark.ray
-@pytest.mark.parametrize("checks", [0, pytest.param(1, marks=pytest.mark.nightly)])
-def test_the_section_leads_from_a_checkpoint_to_a_table(python, tmp_path, checks):
+@pytest.mark.nightly
+def test_the_section_leads_from_a_checkpoint_to_a_table(python, tmp_path):
     command = [python, MAKING, tmp_path / "checkpoints" / "act_push", "--only-act", "96"]
     subprocess.run(command, env=environment_of(ROOT), check=True, capture_output=True)
-    later = ("robogauntlet env",) if checks else ("robogauntlet env", "robogauntlet check")
-    made = {"skipped": later, "ROBOGAUNTLET_ENVIRONMENTS": FOLDER}
-    valid, *checked, played = follow("your-policy", "LeRobot checkpoints", tmp_path, **made).values()
+    made = {"skipped": ("robogauntlet env",), "ROBOGAUNTLET_ENVIRONMENTS": FOLDER}
+    valid, checked, played = follow("your-policy", "LeRobot checkpoints", tmp_path, **made).values()
     assert "valid" in valid
-    assert [" 0 failed, " in text for text in checked] == [True] * checks
+    assert " 0 failed, " in checked
     assert "5 of 5 episodes" in played
