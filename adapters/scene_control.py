@@ -173,6 +173,13 @@ class TableControl(Protocol):
         """
 
 
+class Starts(Protocol):
+    """A task that starts in stored states and can start elsewhere."""
+
+    def resample(self, seed: int) -> None:
+        """Start anew where the task's own rules place things: equal seeds equally, none as a seed for training."""
+
+
 @dataclass(frozen=True)
 class SceneControls:
     """The controls of a simulation; None for those that it does not have."""
@@ -183,6 +190,7 @@ class SceneControls:
     arm: Arm | None = None
     dynamics: BodyDynamics | None = None
     table: TableControl | None = None
+    starts: Starts | None = None
 
     def undo(self) -> None:
         """Restore the task's own scene, except what every reset sets anyway (controls without an `undo`)."""

@@ -11,9 +11,10 @@ from robogauntlet.adapters import catalog as simulators
 from robogauntlet.adapters.body import NO_METRES
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.policies import catalog as policies
-from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
+from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import Problem, SuiteError
+from robogauntlet.suites.paraphrases import why_unsupported
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 
@@ -91,5 +92,5 @@ def why_impossible(condition: Condition, task: str) -> str | None:
     if task not in simulators.task_descriptions():
         return "there is no such task in this installation"
     instruction = simulators.task_descriptions()[task].instruction
-    reasons = (why_unadjusted(axis, task) or why_unsupported(axis, instruction) for axis in axes_of(condition))
+    reasons = (why_unadjusted(axis, task) or why_unsupported(axis.name, instruction) for axis in axes_of(condition))
     return next(filter(None, reasons), None)

@@ -14,7 +14,6 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from robogauntlet.suites.episode import CONTROLS, Condition
-from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 
 SEVERITIES = 5
 VARIANT_NAME = "variant-name"
@@ -36,17 +35,18 @@ class Changes(StrEnum):
     TABLE = "table"
     """The appearance of the table, and distractors on it that cannot be touched."""
     OBJECTS = "objects"
-    """The positions of the task's objects."""
     ARM = "arm"
     """The start pose of the arm."""
     DYNAMICS = "dynamics"
     """Mass and friction of the task's objects."""
+    STARTS = "starts"
+    """Where a task that starts in stored states starts."""
     NOTHING = "nothing"
 
     @property
     def starts_clean(self) -> bool:
         """Whether the episode starts from the physical state of the clean one."""
-        return self not in (Changes.OBJECTS, Changes.ARM)
+        return self not in (Changes.OBJECTS, Changes.ARM, Changes.STARTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,8 +333,7 @@ _ALL = (
         name="wrong-goal",
         changes=Changes.INSTRUCTION,
         unchanged=None,
-        summary="The instruction asks for another goal that is possible in the same scene. A policy that still reaches "
-        "the task's goal ignores the instruction.",
+        summary="The instruction asks for another goal of the same scene. A policy that reaches the task's ignores it.",
         references="LIBERO-Plus reports that instruction following collapses (2510.13626)",
     ),
     Axis(
@@ -346,11 +345,17 @@ _ALL = (
         references="LIBERO-Plus (2510.13626) in six of its seven axes, LIBERO-PRO (2510.03827) in all",
     ),
     Axis(
+        name="resampled",
+        changes=Changes.STARTS,
+        unchanged=None,
+        summary="Objects are placed anew by the task's own rules. A policy that fails has learned the stored states.",
+        references="LIBERO-PRO (2510.03827), and states within the range of training in 2606.04233",
+    ),
+    Axis(
         name="again",
         changes=Changes.NOTHING,
         unchanged=None,
-        summary="The clean episode is repeated. If a repetition is not bit-identical, the numbers of this run contain "
-        "nondeterminism.",
+        summary="The clean episode is repeated. One that is not bit-identical shows that the run is not deterministic.",
         references="users of LIBERO-Plus report that repeated runs agree on 91 % of the episodes (its issue 61)",
     ),
 )
@@ -392,9 +397,3 @@ def why_exclusive(names: Iterable[str]) -> str | None:
         if one in names and other in names:
             return f"'{one}' and '{other}' do not combine: {reason}"
     return None
-
-
-def why_unsupported(axis: Axis, instruction: str) -> str | None:
-    """Return the reason why a task with this instruction cannot have an axis, or None if it can."""
-    known = {"instruction": PARAPHRASES, "wrong-goal": OTHER_GOALS}.get(axis.name, {instruction})
-    return None if instruction in known else f"suites/paraphrases.py has no paraphrases of '{instruction}'"

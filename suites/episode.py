@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 CLEAN = "clean"
-CONTROLS = ("blind", "blank-instruction", "wrong-goal", "variant-name", "again")
+CONTROLS = ("blind", "blank-instruction", "wrong-goal", "variant-name", "resampled", "again")
 """Control conditions, which have one severity."""
 CAMERAS = ("third_person", "wrist")
 AT, AND = "@", "+"

@@ -208,3 +208,9 @@ OTHER_GOALS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Instruction to one with another goal that is possible in the same scene."""
+
+
+def why_unsupported(axis: str, instruction: str) -> str | None:
+    """Return the reason why a task with this instruction cannot have an axis, or None if it can."""
+    known = {"instruction": PARAPHRASES, "wrong-goal": OTHER_GOALS}.get(axis, {instruction})
+    return None if instruction in known else f"suites/paraphrases.py has no paraphrases of '{instruction}'"

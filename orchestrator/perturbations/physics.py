@@ -55,6 +55,28 @@ class ObjectPosition(Perturbed):
         return Delivered(self._checked(100 * distance_from(self._region, self._position)))
 
 
+class Resampled(Perturbed):
+    """A start that is none of the benchmark's stored states."""
+
+    def reset(self, seed: int) -> None:
+        """Start the clean episode, then one with everything placed anew.
+
+        Raises:
+            UnsupportedCondition: This simulation has no stored states, or no rules to place things by.
+        """
+        super().reset(seed)
+        starts = self._required(self.scene_controls.starts, "things be placed anew")
+        before = self.simulation.privileged_state()
+        starts.resample(seed)
+        after = self.simulation.privileged_state()
+        moved = [np.linalg.norm((after[name] - before[name])[:2]) for name in after if name.endswith(POSITION)]
+        self._moved = float(100 * max(moved))
+
+    def delivered(self) -> Delivered:
+        """The largest distance of anything from where the stored state has it, in the plane (`moved`, cm)."""
+        return Delivered(None, {"moved": self._moved})
+
+
 class Dynamics(Perturbed):
     """Objects of other mass and friction."""
 

@@ -11,7 +11,8 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.registry import why_unadjusted
 from robogauntlet.orchestrator.runs.suite_names import PlanError
 from robogauntlet.results.run_document import Unsupported
-from robogauntlet.suites.axes import axes_of, why_unsupported
+from robogauntlet.suites.axes import axes_of
+from robogauntlet.suites.paraphrases import why_unsupported
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import Suite
 from robogauntlet.support.text import counted
@@ -44,7 +45,7 @@ def _unsupported_axes(suite: Suite) -> tuple[Unsupported, ...]:
         Unsupported(axis=axis.name, task=task, reason=reason)
         for axis in axes
         for task in suite.tasks
-        if (reason := why_unadjusted(axis, task) or why_unsupported(axis, described[task].instruction))
+        if (reason := why_unadjusted(axis, task) or why_unsupported(axis.name, described[task].instruction))
     )
 
 

@@ -16,7 +16,6 @@ from robogauntlet.suites.episode import Condition
 
 MAX_NAMED = 3
 """Axes that are named with their rates in one sentence."""
-BLIND, WRONG_GOAL = "blind", "wrong-goal"
 
 
 def findings(robustness: Robustness) -> tuple[str, ...]:
@@ -29,7 +28,6 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
         sentences += _merging(robustness.condition_comparison)
     if robustness.summary is not None:
         sentences += agreement_findings(robustness.summary)
-    sentences += _controls(robustness)
     left_out = [row for row in robustness.gate_rows if row.capped]
     if left_out:
         conditions = dict.fromkeys(Condition(row.axis, row.severity) for row in left_out)
@@ -108,17 +106,6 @@ def _merging(comparison: ConditionComparison) -> list[str]:
             sentences.append(
                 f"{policy}: {what} to change its loss against {comparison.baseline} from the clean loss{together}."
             )
-    return sentences
-
-
-def _controls(robustness: Robustness) -> list[str]:
-    sentences = []
-    for row in (row for row in robustness.controls if row.policy not in robustness.no_skill_baselines):
-        whole = row.simulator is None or not any(r.simulator is None for r in robustness.controls)
-        if not whole or row.control not in (BLIND, WRONG_GOAL):
-            continue
-        how = "with black images" if row.control == BLIND else "at the task's goal when instructed to reach another one"
-        sentences.append(f"{row.policy}: success {how} {rate(row.rate)}, clean {rate(row.clean)}.")
     return sentences
 
 

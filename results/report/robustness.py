@@ -114,23 +114,6 @@ def start_states_sentence(robustness: Robustness) -> str:
     return f"All {compared} started from the physical state of the clean episode."
 
 
-def controls_table(robustness: Robustness) -> TextTable:
-    """Success under the clean condition and each control, and the difference, per policy and simulator."""
-    names = tuple(dict.fromkeys(row.control for row in robustness.controls))
-    header = ["policy", "simulator", "clean"]
-    for name in names:
-        header += [name, "lost"]
-    found = {(row.policy, row.simulator, row.control): row for row in robustness.controls}
-    lines = []
-    for policy, simulator in dict.fromkeys((row.policy, row.simulator) for row in robustness.controls):
-        rows = [found.get((policy, simulator, name)) for name in names]
-        cells = [policy, simulator or "all", rate(next(row for row in rows if row is not None).clean)]
-        for row in rows:
-            cells += [rate(row.rate), points(row.drop)] if row else [NOTHING, NOTHING]
-        lines.append(tuple(cells))
-    return TextTable(tuple(header), tuple(lines), 2)
-
-
 def unsupported_table(robustness: Robustness) -> TextTable:
     """Axes that tasks of the suite do not support."""
     lines = tuple((gap.axis, gap.task, gap.reason) for gap in robustness.unsupported)

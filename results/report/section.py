@@ -36,7 +36,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 GROUP = "robogauntlet.sections"
-BEFORE = ("in_short", "combinations", "rates", "robots", "failures", "behaviour", "pairwise", "robustness", "routing")
+BEFORE = (
+    "in_short",
+    "combinations",
+    "rates",
+    "robots",
+    "failures",
+    "behaviour",
+    "pairwise",
+    "robustness",
+    "benchmark",
+    "routing",
+)
 AFTER = ("gallery", "counts", "worker_time", "gaps", "provenance")
 """Modules of `sections/` in the order of the report; those of other distributions come between the two."""
 

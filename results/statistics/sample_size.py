@@ -159,6 +159,32 @@ def detectable_difference(
     return enough / 10_000
 
 
+def separate_difference(rate: float, trials: int, alpha: float = ALPHA, *, power: float = POWER) -> float | None:
+    """The smallest true drop from a rate that a test of two separate groups of this many trials shows with a power.
+
+    J. L. Fleiss, "Statistical Methods for Rates and Proportions" (1981), chapter 3, without correction for continuity:
+    n = (z(alpha / 2) sqrt(2 m (1 - m)) + z(power) sqrt(p (1 - p) + q (1 - q)))² / (p - q)², with m the mean of p and q.
+
+    Returns:
+        A share above 0, or None if even a drop to 0 would not be shown.
+
+    Raises:
+        ValueError: A rate outside (0, 1], or no trials.
+    """
+    from scipy.optimize import brentq
+
+    if not 0 < rate <= 1 or trials < 1:
+        raise ValueError(f"expected a rate in (0, 1] and a trial or more, got {rate} and {trials}")
+    z_alpha, z_power = _z(1 - alpha), NormalDist().inv_cdf(power)
+
+    def lacking(drop: float) -> float:
+        lower, middle = rate - drop, rate - drop / 2
+        spread = rate * (1 - rate) + lower * (1 - lower)
+        return (z_alpha * math.sqrt(2 * middle * (1 - middle)) + z_power * math.sqrt(spread)) ** 2 - trials * drop**2
+
+    return None if lacking(rate) > 0 else float(brentq(lacking, 1e-9, rate))
+
+
 def _z(confidence: float) -> float:
     return NormalDist().inv_cdf((1 + confidence) / 2)
 

@@ -149,7 +149,7 @@ def test_without_fixtures_seeds_from_fifty_on_repeat(floor):
 
 
 @pytest.mark.parametrize("name", mostly_nightly(["drawer", "floor"], ["floor"]))
-def test_no_training_seed_starts_as_an_evaluation_does(name, request):
+def test_no_training_seed_and_no_resampled_one_starts_as_an_evaluation_does(name, request):
     simulation = request.getfixturevalue(name)
 
     def layout(seed):
@@ -157,7 +157,10 @@ def test_no_training_seed_starts_as_an_evaluation_does(name, request):
         return simulation._sites()
 
     evaluated = [layout(seed) for seed in range(STORED_STATES)]
-    trained = [layout(seed) for seed in range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + 10)]
+    trained = [layout(seed) for seed in range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + 5)]
+    for seed in range(5):
+        simulation.resample(seed)
+        trained.append(simulation._sites())
     for number, layout_of_one in enumerate(trained):
         others = [*evaluated, *trained[:number]]
         assert min(np.abs(layout_of_one - other).max() for other in others) > 0.002

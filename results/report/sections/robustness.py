@@ -46,7 +46,7 @@ def _terms(*names: str) -> Terms:
 
 
 def _blocks(found: Robustness, page: Page) -> Iterator[Block]:
-    if found.axes or found.controls or found.condition_comparison is not None:
+    if found.axes or found.condition_comparison is not None:
         yield Heading("Findings")
         yield Sentences(findings(found))
         yield _terms("findings", "heat map")
@@ -55,10 +55,6 @@ def _blocks(found: Robustness, page: Page) -> Iterator[Block]:
         if found.condition_comparison is not None:
             yield from _comparison(found.condition_comparison)
         yield from _curves(found, page)
-        if found.controls:
-            yield Heading("Controls")
-            yield _terms("control")
-            yield Table(words.controls_table(found), "Success under the controls")
     yield from _checks(found)
 
 

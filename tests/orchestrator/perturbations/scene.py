@@ -38,7 +38,7 @@ class Scene:
     def __init__(self):
         self.inner = open_simulation("null/Reach", View())
         self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
-        self.scene_controls = SceneControls(*[self] * 6)
+        self.scene_controls = SceneControls(*[self] * 7)
         self.executed, self.frames = [], 0
         aim = np.array([0.5, 0.0, 0.0])
         self.viewpoints = {
@@ -102,6 +102,9 @@ class Scene:
 
     def move(self, name, offset):
         self.things[name][:2] += offset
+
+    def resample(self, seed):
+        self.things["cube"] = np.array([0.5 + 0.03, 0.05 + 0.04, 0.02])
 
     def place_tool(self, position, quaternion):
         if position[0] > 0.5:

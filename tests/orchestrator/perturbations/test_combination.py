@@ -26,7 +26,7 @@ def paraphrases():
     """Paraphrases for the null simulator's instruction."""
     table = dict(PARAPHRASES) | {"reach the goal": tuple(f"reach the goal, {kind}" for kind in range(1, 6))}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("robogauntlet.suites.axes.PARAPHRASES", table)
+        patch.setattr("robogauntlet.suites.paraphrases.PARAPHRASES", table)
         patch.setattr(instructions, "PARAPHRASES", table)
         yield
 

@@ -45,7 +45,7 @@ def paraphrases(monkeypatch):
     paraphrased = dict(PARAPHRASES) | {"reach the goal": tuple(f"reach the goal, {kind}" for kind in range(1, 6))}
     goals = dict(OTHER_GOALS) | {"reach the goal": "leave the goal"}
     for name, table in (("PARAPHRASES", paraphrased), ("OTHER_GOALS", goals)):
-        monkeypatch.setattr(f"robogauntlet.suites.axes.{name}", table)
+        monkeypatch.setattr(f"robogauntlet.suites.paraphrases.{name}", table)
         monkeypatch.setattr(instructions, name, table)
     named = replace(task_descriptions()["null/Reach"], published_instruction="reach the goal add 3")
     monkeypatch.setattr(instructions, "task_descriptions", lambda: {"null/Reach": named})
@@ -195,6 +195,19 @@ def test_instruction_controls_give_no_instruction_another_goal_or_the_variants_n
     assert simulation.delivered().value is None
 
 
+def test_a_resampled_start_says_how_far_things_are_from_the_stored_state():
+    _, simulation = begin("resampled", 1)
+    assert simulation.delivered().value is None
+    assert simulation.delivered().statistics == pytest.approx({"moved": 5.0})
+    simulation.check_start()
+
+
+def test_a_task_without_stored_states_is_not_resampled():
+    simulation = perturbed(open_simulation("null/Reach", View()), episode("resampled", 1))
+    with pytest.raises(AdapterError, match="resampled: this simulation does not let things be placed anew"):
+        simulation.reset(4)
+
+
 def test_a_blind_policy_gets_black_images():
     scene, simulation = begin("blind", 1)
     seen = simulation.observe()
@@ -203,7 +216,7 @@ def test_a_blind_policy_gets_black_images():
 
 
 def test_an_instruction_without_paraphrases_is_an_error(monkeypatch):
-    monkeypatch.setattr("robogauntlet.suites.axes.PARAPHRASES", {})
+    monkeypatch.setattr("robogauntlet.suites.paraphrases.PARAPHRASES", {})
     _, simulation = begin("instruction", 3)
     message = r"instruction@3: suites/paraphrases.py has no paraphrases of 'reach the goal'"
     with pytest.raises(AdapterError, match=message):

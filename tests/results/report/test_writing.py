@@ -139,8 +139,8 @@ def test_the_shape_of_the_summary_is_stable():
     """Programs read this file: adding a field is fine (add it here), renaming or removing one needs a new `format`."""
     schema = summary_model().model_json_schema()
     assert " ".join(sorted(schema["properties"])) == (
-        "answers behaviour cells combinations confidence elapsed_s episodes_per_hour error_messages errors failures "
-        "findings finished_at format merging not_run pairwise policies policy_digests provenance reason "
+        "answers behaviour benchmark cells combinations confidence elapsed_s episodes_per_hour error_messages errors "
+        "failures findings finished_at format merging not_run pairwise policies policy_digests provenance reason "
         "render_devices robots robustness routing rows_hash run_id shared_workers simulators skipped started_at status "
         "success_rule suite_hash suite_name timing total workers"
     )

@@ -16,6 +16,7 @@ from robogauntlet.results.statistics.sample_size import (
     independent_discordance,
     mcnemar_power,
     pairs_for_power,
+    separate_difference,
     shrunk_share,
     trials_for_half_width,
 )
@@ -128,3 +129,21 @@ def test_impossible_shares_are_refused(discordance, difference):
             call()
     with pytest.raises(ValueError, match="expected a rate in"):
         trials_for_half_width(1.5, 0.1)
+
+
+@pytest.mark.parametrize(("rate", "drop", "trials"), [(0.95, 0.05, 435), (0.6, 0.1, 388), (1.0, 0.05, 152)])
+def test_the_smallest_drop_of_separate_groups_is_that_of_the_tables(rate, drop, trials):
+    """Fleiss's formula without correction for continuity, rounded up to whole trials."""
+    assert separate_difference(rate, trials) <= drop < separate_difference(rate, trials - 1)
+
+
+@given(st.floats(0.05, 1.0), st.integers(20, 5000))
+def test_more_trials_show_smaller_drops(rate, trials):
+    less, more = (separate_difference(rate, number) for number in (trials, 2 * trials))
+    assert less is None or more < less <= rate
+
+
+@pytest.mark.parametrize(("rate", "trials"), [(0.0, 10), (1.1, 10), (0.5, 0)])
+def test_a_drop_from_no_rate_or_without_trials_is_refused(rate, trials):
+    with pytest.raises(ValueError, match="expected a rate in"):
+        separate_difference(rate, trials)
