@@ -232,6 +232,8 @@ class TaskDescription:
     """Names of an action's numbers, if they are the environment's own."""
     state: tuple[str, ...] = ()
     """Names of the numbers of proprioception beside `native` ones."""
+    own_words: bool = False
+    """Whether each episode says the goal in words of its own, of which `instruction` is an example."""
     variant_of: str = ""
     """The task (`simulator/task`) of which it is a variant: who was trained on that one can act in this one."""
     start_states: int | None = None

@@ -66,5 +66,7 @@ class Template:
 
 ADAPTER = Template(Path(__file__).parent / "template" / "adapter", "toysim", "-")
 """The package of a new adapter, which works on a toy until the author replaces it."""
+BENCHMARK = Template(Path(__file__).parent / "template" / "benchmark", "toybenchmark", "-")
+"""The package of a benchmark of vla-evaluation-harness, without its module."""
 POLICY = Template(Path(__file__).parent / "template" / "policy", "toypolicy", "_")
 """The module of a new policy, its tests and a suite."""

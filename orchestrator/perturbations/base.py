@@ -141,8 +141,8 @@ class Perturbed(PerturbedSimulation):
 
     def check_instruction(self, instruction: str) -> None:
         """Check that the instruction is the task's own, unless the axis changes it."""
-        own = task_descriptions()[self.episode.task].instruction
-        if self.axis.changes is not Changes.INSTRUCTION and instruction != own:
+        task = task_descriptions()[self.episode.task]
+        if self.axis.changes is not Changes.INSTRUCTION and instruction != task.instruction and not task.own_words:
             raise self._not_delivered(f"expected the task's own instruction, got '{instruction}'")
 
     def _not_delivered(self, message: str) -> NotDelivered:

@@ -144,7 +144,7 @@ def observation(subject: CheckedTask) -> Iterator[Violation]:
         yield from _array(f"the image of {camera}", image, (size, size, 3), np.dtype(np.uint8))
     yield from _array("proprioception", seen.proprioception, (numbers,), np.dtype(np.float64))
     instruction = subject.description.instruction
-    same = seen.instruction == instruction
+    same = seen.instruction == instruction or (subject.description.own_words and bool(seen.instruction))
     yield from expect(same, f"the task's instruction, '{instruction}'", repr(seen.instruction))
 
 

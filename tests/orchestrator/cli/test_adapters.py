@@ -1,6 +1,7 @@
 """`robogauntlet new adapter` and `check adapter`, and the list of simulators."""
 
 import json
+import re
 import sys
 from importlib import metadata
 
@@ -15,6 +16,7 @@ from robogauntlet.orchestrator.cli.new.adapter import new
 from robogauntlet.orchestrator.kit.scaffold import ADAPTER
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
+from tests import ROOT
 from tests.full_disk import full_disk
 from tests.processes import run_gauntlet, run_process
 
@@ -114,3 +116,42 @@ def test_a_name_replaces_the_toys_in_every_form(name):
     module, title = name.replace("-", "_"), "".join(part.capitalize() for part in name.split("-"))
     text = "robogauntlet_toysim toysim/Reach ToysimCameras test_toysim_keeps"
     assert ADAPTER.renamed(text, name) == f"robogauntlet_{module} {name}/Reach {title}Cameras test_{module}_keeps"
+
+
+TOYS = "tests.adapters.toy_benchmarks"
+
+
+def test_a_benchmark_of_vla_eval_becomes_a_package_whose_tasks_open_and_repeat(tmp_path):
+    pytest.importorskip("vla_eval")
+    listed = ("--vla-eval", f"{TOYS}:Pushes", "--control-hz", "10")
+    done = run_gauntlet("new", "adapter", "toys", *listed, cwd=tmp_path, paths=[ROOT])
+    assert done.returncode == 0, done.stderr
+    package = tmp_path / "robogauntlet-toys"
+    built = run_process([sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"], package)
+    assert built.returncode == 0, built.stderr
+    chosen = ("--only", "declaration", "--only", "seeds-images", "--json")
+    done = run_gauntlet("check", "adapter", "toys", *chosen, cwd=tmp_path, paths=[package, ROOT])
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = {(finding["task"], finding["check"], finding["outcome"]) for finding in json.loads(done.stdout)}
+    assert ("toys/push-right", "seeds-images", "passed") in found
+    assert ("toys/push-left", "declaration", "passed") in found
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--control-hz", "10"), "--arguments and --control-hz: expected --vla-eval beside them, got none"),
+        (("--vla-eval", f"{TOYS}:Pushes"), "--control-hz: expected the control steps per simulated second.*got none"),
+        (
+            ("--vla-eval", f"{TOYS}:Pushes", "--control-hz", "10", "--arguments", "[1]"),
+            r"--arguments: expected a JSON object, such as '\{.*\}', got '\[1\]'",
+        ),
+        (("--vla-eval", f"{TOYS}:Pushs", "--control-hz", "10"), "no such class in that module.*did you mean 'Pushes'"),
+        (("--vla-eval", "pushes", "--control-hz", "10"), "pushes: expected a module of this name in .*, found none"),
+        (("--vla-eval", f"{TOYS}:NeedsItsSimulator", "--control-hz", "10"), "cannot import .*no_such_simulator"),
+    ],
+)
+def test_a_benchmark_that_cannot_be_listed_is_one_line_and_nothing_is_written(run_command, tmp_path, options, says):
+    pytest.importorskip("vla_eval")
+    assert re.search(says, run_command("new", "adapter", "toys", *options).refusal)
+    assert not list(tmp_path.iterdir())
