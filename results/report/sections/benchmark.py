@@ -69,15 +69,15 @@ def build_controls(source: Source) -> tuple[PolicyControls, ...] | None:
 def control_table(found: Sequence[PolicyControls]) -> TextTable:
     """Clean success, that under each control with what was lost, and the smallest difference that can be shown."""
     names = tuple(dict.fromkeys(row.control for one in found for row in one.controls))
-    header = ["policy", "simulator", "clean", *(word for name in names for word in (name, "lost"))]
+    header = ("policy", "simulator", "clean", "difference shown (points)")
     lines = []
     for one in found:
         rows = {row.control: row for row in one.controls}
-        cells = [one.policy, one.simulator or "all", rate(one.clean)]
+        cells = [one.policy, one.simulator or "all", rate(one.clean), _shown(one)]
         for name in names:
             cells += [rate(rows[name].rate), points(rows[name].drop)] if name in rows else [NOTHING, NOTHING]
-        lines.append((*cells, _shown(one)))
-    return TextTable((*header, "difference shown (points)"), tuple(lines), 2)
+        lines.append(tuple(cells))
+    return TextTable((*header, *(word for name in names for word in (name, "lost"))), tuple(lines), 2)
 
 
 def sentences(found: Sequence[PolicyControls]) -> Iterator[str]:
