@@ -17,7 +17,6 @@ profiles `standard` and `fast` are equal. `fast-2` draws the robot with fewer tr
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -33,7 +32,6 @@ from robogauntlet.adapters.contract import (
     Image,
     Motion,
     Observation,
-    SimulatorUnavailable,
     StepOutcome,
 )
 from robogauntlet.adapters.frames import hash_state
@@ -42,15 +40,15 @@ from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillC
 from robogauntlet.adapters.maniskill.contacts import ManiSkillContacts
 from robogauntlet.adapters.maniskill.culling import ManiSkillCulling
 from robogauntlet.adapters.maniskill.dynamics import ManiSkillDynamics, renew_physics, wake
+from robogauntlet.adapters.maniskill.environment import make_environment, render_device
 from robogauntlet.adapters.maniskill.lights import ManiSkillLights
 from robogauntlet.adapters.maniskill.meshes import simplify_links
 from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
 from robogauntlet.adapters.maniskill.robot import robots_of
 from robogauntlet.adapters.maniskill.table import ManiSkillTable
 from robogauntlet.adapters.maniskill.tasks import LAYOUTS, TASKS
-from robogauntlet.adapters.package_files import files_of
 from robogauntlet.adapters.scene_control import SceneControls
-from robogauntlet.suites.episode import AT, RenderProfile, View
+from robogauntlet.suites.episode import RenderProfile, View
 
 ROBOT = "panda_wristcam"
 FIELD_OF_VIEW = 0.75
@@ -154,9 +152,7 @@ class ManiSkillSimulation(BaseSimulation):
 
     def render_device(self) -> str:
         """Return the name of the Vulkan device, such as `llvmpipe (LLVM 19.1.7, 256 bits)`."""
-        import sapien
-
-        return _device_name(sapien.render.get_device_summary())
+        return render_device()
 
     def close(self) -> None:
         """Free the scene. Safe to call twice."""
@@ -193,90 +189,23 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
     Raises:
         SimulatorUnavailable: ManiSkill or a file of it is missing, or SAPIEN finds no Vulkan device to render with.
     """
-    try:
-        import mani_skill.envs  # noqa: F401  (registers the tasks)
-        import sapien
-        import torch
-        from mani_skill.utils.logging_utils import logger
-        from mani_skill.utils.registration import REGISTERED_ENVS
-        from mani_skill.utils.sapien_utils import look_at
-    except ImportError as error:
-        raise SimulatorUnavailable(
-            f'ManiSkill cannot be imported ({error}); install it: pip install "robogauntlet[maniskill]"'
-        ) from error
-    torch.set_num_threads(1)  # More threads do not help a single environment, and slow other workers down.
-    # ManiSkill warns that the tasks do not list this robot, but their scene builder supports it.
-    logger.setLevel(logging.ERROR)
-
     layout, alone = LAYOUTS[task], TASKS[task].arms == 1
-    centre = np.array(layout.look_at)
-    third_person = {"pose": look_at(centre + layout.eye, centre).sp, "fov": FIELD_OF_VIEW}
-    size = {"width": view.image_size, "height": view.image_size}
-    wrist = SENSORS["wrist"] if alone else f"{ROBOT}-0-{SENSORS['wrist']}"
-    try:
-        with files_of("mani_skill"):
-            env = REGISTERED_ENVS[task.partition(AT)[0]].cls(
-                num_envs=1,
-                robot_uids=ROBOT if alone else (ROBOT, ROBOT),
-                control_mode="pd_ee_delta_pose",
-                obs_mode="none",
-                reward_mode="none",
-                sim_backend="physx_cpu",
-                render_backend=_render_backend(sapien),
-                sensor_configs={SENSORS["third_person"]: third_person | size, wrist: size},
-                # Mounted on nothing: PlugCharger's own camera moves with the socket.
-                human_render_camera_configs=third_person
-                | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal", "mount": None},
-            )
-    except RuntimeError as error:
-        raise SimulatorUnavailable(f"SAPIEN cannot render here ({error}): {_VULKAN_FIX}") from error
-    if not env.scene.can_render():
-        env.close()
-        raise SimulatorUnavailable(f"SAPIEN found no device to render with: {_VULKAN_FIX}")
-    _keep_renderer(env.scene.backend.render_device)
+
+    def cameras(look_at: Any) -> dict[str, Any]:
+        centre = np.array(layout.look_at)
+        third_person = {"pose": look_at(centre + layout.eye, centre).sp, "fov": FIELD_OF_VIEW}
+        size = {"width": view.image_size, "height": view.image_size}
+        wrist = SENSORS["wrist"] if alone else f"{ROBOT}-0-{SENSORS['wrist']}"
+        return {
+            "sensor_configs": {SENSORS["third_person"]: third_person | size, wrist: size},
+            # Mounted on nothing: PlugCharger's own camera moves with the socket.
+            "human_render_camera_configs": third_person
+            | {"width": PICTURE_SIZE, "height": PICTURE_SIZE, "shader_pack": "minimal", "mount": None},
+        }
+
+    robots = ROBOT if alone else (ROBOT, ROBOT)
+    env = make_environment(task, cameras, robot_uids=robots, control_mode="pd_ee_delta_pose", reward_mode="none")
     if view.render_profile is RenderProfile.FAST_2:
         for arm in robots_of(env):
             simplify_links(arm.articulation)
     return ManiSkillSimulation(task, view, env)
-
-
-_VULKAN_FIX = (
-    "install a Vulkan driver: that of the GPU's vendor, or without a GPU the Debian packages libvulkan1 and "
-    "mesa-vulkan-drivers, version 24.3 or later"
-)
-
-
-def _render_backend(sapien: Any) -> str:
-    """Return `gpu` if SAPIEN can render on a CUDA device, else `cpu` for Mesa's lavapipe."""
-    try:
-        return "gpu" if sapien.Device("cuda").can_render() else "cpu"
-    except RuntimeError:
-        return "cpu"
-
-
-_RENDERERS: dict[str, Any] = {}
-"""Name of a device to its renderer."""
-
-
-def _keep_renderer(device: Any) -> None:
-    """Keep a reference to the device's renderer for the lifetime of the process.
-
-    Otherwise SAPIEN would free its renderer with the last scene and compile its shaders again (7 s, and more memory).
-    A GPU's name is that of its model, by which SAPIEN does not find it, so the device itself is used.
-    """
-    import sapien
-
-    if device.name not in _RENDERERS:
-        _RENDERERS[device.name] = sapien.render.RenderSystem(device)
-
-
-def _device_name(summary: str) -> str:
-    """Return the first supported device in SAPIEN's summary."""
-    name = "unknown"
-    for line in summary.splitlines():
-        label, _, value = line.strip().partition(":")
-        if label == "GPU":
-            name = value.strip()
-        elif label == "Supported" and value.strip() == "1":
-            return name
-    return name

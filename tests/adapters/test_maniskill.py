@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import SimulatorUnavailable
-from robogauntlet.adapters.maniskill import SIMULATOR, simulation as maniskill
+from robogauntlet.adapters.maniskill import SIMULATOR, environment
+from robogauntlet.adapters.maniskill.environment import _device_name
 from robogauntlet.adapters.maniskill.robot import _command, _euler_xyz
-from robogauntlet.adapters.maniskill.simulation import _device_name
 from robogauntlet.adapters.scene_control import DynamicsFactors
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -225,9 +225,9 @@ def test_the_renderer_of_a_gpu_is_made_for_the_device_itself(monkeypatch):
 
     made, gpu = [], SimpleNamespace(name="NVIDIA H200")
     monkeypatch.setattr(sapien.render, "RenderSystem", made.append)
-    monkeypatch.setattr(maniskill, "_RENDERERS", {})
+    monkeypatch.setattr(environment, "_RENDERERS", {})
     for _ in range(2):
-        maniskill._keep_renderer(gpu)
+        environment._keep_renderer(gpu)
     assert made == [gpu]
 
 
