@@ -50,13 +50,13 @@ PLAYS = {
 LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_967,
-    "adapters": 9_857,
+    "adapters": 10_049,
     "policies": 8_679,
     "mergevla": 9_389,
     "results": 15_763,
     "suites": 2_802,
     "src/robogauntlet": 969,
-    "tests": 52_670,
+    "tests": 52_706,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -2,11 +2,14 @@
 
 from robogauntlet.adapters import references
 from robogauntlet.adapters.contract import Simulation, Simulator
-from robogauntlet.adapters.maniskill.tasks import TASKS
+from robogauntlet.adapters.maniskill.native import TASKS as NATIVE, NativeSimulation
+from robogauntlet.adapters.maniskill.tasks import ADJUSTS, TASKS
 from robogauntlet.suites.episode import View
 
 
 def _open(task: str, view: View) -> Simulation:
+    if task in NATIVE:
+        return NativeSimulation(task, view)
     from robogauntlet.adapters.maniskill import simulation
 
     return simulation.open_task(task, view)
@@ -15,12 +18,12 @@ def _open(task: str, view: View) -> Simulation:
 SIMULATOR = Simulator(
     name="maniskill",
     title="ManiSkill 3 (SAPIEN)",
-    tasks=TASKS,
+    tasks=TASKS | NATIVE,
     modules=("mani_skill", "sapien", "torch"),
     distributions=("mani-skill", "sapien", "torch", "fast-simplification"),
     references=(references.MANISKILL, references.SAPIEN),
     open=_open,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
+    adjusts=ADJUSTS,
     environment={"LP_NUM_THREADS": "1"},
     newest_python="3.12",
 )

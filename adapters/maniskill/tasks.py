@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 from robogauntlet.adapters.contract import Goal, TaskDescription
 
+ADJUSTS = frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"})
+"""Scene controls, of tasks of Pandas that are moved by their tools."""
 ONTO_TARGET = Goal("cube_position", "goal_position", axes="xy", tolerance=0.1)
 
 TASKS = {

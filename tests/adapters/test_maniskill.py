@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +16,9 @@ from robogauntlet.adapters.maniskill import SIMULATOR, environment
 from robogauntlet.adapters.maniskill.environment import _device_name
 from robogauntlet.adapters.maniskill.robot import _command, _euler_xyz
 from robogauntlet.adapters.scene_control import DynamicsFactors
-from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.orchestrator.registry import load_registry
+from robogauntlet.suites.episode import CAMERAS, RenderProfile, View
+from robogauntlet.suites.schema import expand_tasks
 
 
 def test_euler_angles_are_those_of_the_axis_angle_vector():
@@ -272,3 +275,31 @@ def test_the_table_is_painted_upright_for_a_robot_that_faces_another_way():
     )
     assert red < min(green, blue)  # The camera looks from the robot's left: away from it is to the left,
     assert green_row > blue_row  # and its left is below.
+
+
+@pytest.mark.simulator
+def test_a_task_of_another_robot_is_native_ends_as_maniskill_says_and_repeats():
+    with closing(SIMULATOR.open("RotateValveLevel0-v1@DClaw", View(CAMERAS[:1], 64))) as simulation:
+        spec, ends = simulation.action_spec, []
+        for seed in (3, 4, 3):
+            simulation.reset(seed)
+            generator = np.random.default_rng(seed)
+            outcomes = [simulation.step(generator.uniform(spec.low, spec.high)) for _ in range(10)]
+            ends.append(simulation.state_hash())
+        assert (ends[0] == ends[2], ends[0] == ends[1]) == (True, False)
+        assert not any(outcome.success or outcome.terminated for outcome in outcomes)
+        seen = simulation.observe()
+        robot = simulation._env.agent.robot
+        np.testing.assert_array_equal(seen.proprioception, [*robot.get_qpos()[0], *robot.get_qvel()[0]])
+        assert (seen.native, seen.images["third_person"].shape, simulation.picture().shape) == (
+            9,
+            (64, 64, 3),
+            (256, 256, 3),
+        )
+
+
+def test_tasks_of_other_robots_are_found_by_patterns_with_their_robot_alone():
+    tasks = load_registry().tasks
+    assert len(SIMULATOR.tasks) == 26
+    assert len(expand_tasks(["maniskill/*"], tasks)) == 11
+    assert len(expand_tasks(["maniskill/*@DClaw"], tasks)) == 5

@@ -14,3 +14,8 @@ test_maniskill_keeps_the_contract = conformance_tests("maniskill", tasks=["PushC
 test_maniskill_keeps_the_contract_in_others = pytest.mark.nightly(
     conformance_tests("maniskill", tasks=OTHERS, may_skip=MAY_SKIP)
 )
+test_maniskill_keeps_the_contract_with_other_robots = pytest.mark.nightly(
+    conformance_tests(
+        "maniskill", tasks=["PegInsertionSide-v1@Panda-joint-delta", "UnitreeG1TransportBox-v1@UnitreeG1"]
+    )
+)
