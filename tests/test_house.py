@@ -50,7 +50,7 @@ PLAYS = {
 LONGEST = 400
 BUDGETS = {
     "orchestrator": 22_967,
-    "adapters": 10_049,
+    "adapters": 10_057,
     "policies": 8_679,
     "mergevla": 9_389,
     "results": 15_763,

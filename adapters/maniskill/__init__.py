@@ -2,13 +2,15 @@
 
 from robogauntlet.adapters import references
 from robogauntlet.adapters.contract import Simulation, Simulator
-from robogauntlet.adapters.maniskill.native import TASKS as NATIVE, NativeSimulation
+from robogauntlet.adapters.maniskill.native_tasks import TASKS as NATIVE
 from robogauntlet.adapters.maniskill.tasks import ADJUSTS, TASKS
 from robogauntlet.suites.episode import View
 
 
 def _open(task: str, view: View) -> Simulation:
     if task in NATIVE:
+        from robogauntlet.adapters.maniskill.native import NativeSimulation
+
         return NativeSimulation(task, view)
     from robogauntlet.adapters.maniskill import simulation
 
