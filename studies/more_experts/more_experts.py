@@ -78,7 +78,7 @@ def measure() -> list[dict[str, object]]:
     for number in (number for number in NUMBERS if number <= len(tasks)):
         last = number == min(NUMBERS[-1], len(tasks))  # what is not merged does not depend on the number
         ways = [way for way in WAYS if last or way != UNMERGED]
-        described |= {(way, number): merged(folder, tasks[:number], way) for way in ways}
+        described |= {(way, number): merged(folder, tasks[:number], way, WAYS[way]) for way in ways}
         policies = {way: merged_policy(folder_of_merge(folder, number, way)) for way in ways}
         routed = folder_of_merge(folder, number, "magnitude-2")
         policies |= {ROUTED: merged_policy(routed, "calibrated", sees_instruction=False)} | (apart if last else {})
@@ -151,8 +151,8 @@ def in_order(tasks: Mapping[str, object]) -> list[str]:
     return [names[place] for place in np.random.default_rng(0).permutation(len(names))]
 
 
-def merged(folder: Path, tasks: Sequence[str], way: str) -> dict[str, str]:
-    """Merge the experts of these tasks, unless that is done, and describe the merge."""
+def merged(folder: Path, tasks: Sequence[str], way: str, recipe: Mapping[str, Any]) -> dict[str, str]:
+    """Merge the experts of these tasks by a recipe, unless that is done, and describe the merge."""
     from robogauntlet.policies.training.dataset import datasets_of
     from robogauntlet_mergevla.checkpoints.merge_experts import merge_experts, read_experts
     from robogauntlet_mergevla.checkpoints.merged_checkpoint import save_merged
@@ -165,7 +165,7 @@ def merged(folder: Path, tasks: Sequence[str], way: str) -> dict[str, str]:
     description = out / "described.json"
     if not description.exists():
         folders = expert_folders(folder / "experts")
-        merging = merge_experts(read_experts(folders[task] for task in tasks), Recipe(**WAYS[way]))
+        merging = merge_experts(read_experts(folders[task] for task in tasks), Recipe(**recipe))
         fitted = {}
         if way == "magnitude-2":
             model = MergedModel(merging.parts)

@@ -12,7 +12,7 @@ from typing import Any
 
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet_mergevla.options import expert_folders
-from studies.more_experts.more_experts import NUMBERS, folder_of_experts, folder_of_merge, in_order, merged
+from studies.more_experts.more_experts import NUMBERS, WAYS, folder_of_experts, folder_of_merge, in_order, merged
 from studies.percent import few
 from studies.routing.routers import by_router, interval, observed
 from studies.shared import table_of
@@ -50,7 +50,7 @@ def measure() -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for number in (number for number in NUMBERS if number <= len(tasks)):
         for name, way in ROUTERS.items():
-            merged(folder, tasks[:number], way)
+            merged(folder, tasks[:number], way, WAYS[way])
             checkpoint = load_merged(folder_of_merge(folder, number, way))
             model = MergedModel(checkpoint.parts)
             view = View(model.architecture.cameras, render_profile=RenderProfile.FAST_2)
