@@ -54,6 +54,15 @@ SO101 = r"""@misc{inoue2026so101,
   howpublished = {\url{https://github.com/isaka1022/so101-sim2real}}
 }"""
 
+ALOHA = r"""@inproceedings{zhao2023aloha,
+  title = {Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware},
+  author = {Zhao, Tony Z. and Kumar, Vikash and Levine, Sergey and Finn, Chelsea},
+  booktitle = {Robotics: Science and Systems},
+  year = {2023},
+  eprint = {2304.13705},
+  archiveprefix = {arXiv}
+}"""
+
 MUJOCO = r"""@inproceedings{todorov2012mujoco,
   title = {{MuJoCo}: A physics engine for model-based control},
   author = {Todorov, Emanuel and Erez, Tom and Tassa, Yuval},

@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 22_967,
-    "adapters": 10_057,
-    "policies": 8_679,
+    "orchestrator": 22_968,
+    "adapters": 10_193,
+    "policies": 8_812,
     "mergevla": 9_389,
     "results": 15_763,
     "suites": 2_802,
     "src/robogauntlet": 969,
-    "tests": 52_706,
+    "tests": 52_801,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

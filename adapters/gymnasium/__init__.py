@@ -5,6 +5,7 @@ from typing import Any
 
 from robogauntlet.adapters import references
 from robogauntlet.adapters.contract import Simulation, Simulator, TaskDescription
+from robogauntlet.adapters.gymnasium.aloha import AlohaInsertion, AlohaTransferCube
 from robogauntlet.adapters.gymnasium.mapping import Base, EnvironmentMapping, Moment
 from robogauntlet.adapters.gymnasium.pusht import PushT
 from robogauntlet.adapters.gymnasium.tasks import MAPPINGS
@@ -51,6 +52,7 @@ def _description(mapping: type[EnvironmentMapping]) -> TaskDescription:
         cameras=mapping.cameras,
         modules=(module,) if colon else (),
         goal=mapping.goal,
+        arms=mapping.action_spec.arms,
         joints=mapping.action_spec.body.joints,
         native=mapping.action_spec.body.native,
         state=mapping.action_spec.state,
@@ -60,7 +62,9 @@ def _description(mapping: type[EnvironmentMapping]) -> TaskDescription:
 SIMULATOR = declare(
     "gymnasium",
     "gymnasium (by mapping)",
-    (*MAPPINGS, PushT),
-    distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "gym-pusht", "mujoco", "pybullet"),
-    references=(references.GYMNASIUM_ROBOTICS, references.MUJOCO),
+    (*MAPPINGS, PushT, AlohaTransferCube, AlohaInsertion),
+    distributions=(
+        *("gymnasium", "gymnasium-robotics", "panda-gym", "gym-pusht", "gym-aloha", "dm-control", "mujoco", "pybullet"),
+    ),
+    references=(references.GYMNASIUM_ROBOTICS, references.ALOHA, references.MUJOCO),
 )

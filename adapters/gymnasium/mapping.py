@@ -43,6 +43,13 @@ class Base:
         turned = self._quaternion()
         return relative_pose(np.array(self.position), turned, np.asarray(position, np.float64), turned)[0]
 
+    def direction(self, directions: ArrayLike) -> FloatArray:
+        """Return directions of the world (n, 3) in the base frame."""
+        from scipy.spatial.transform import Rotation
+
+        turned: FloatArray = Rotation.from_quat(self._quaternion()).inv().apply(directions)
+        return turned
+
     def orientation(self, matrix: ArrayLike, tool: tuple[float, float, float] | None = None) -> FloatArray:
         """Return a rotation of the world in the base frame, as a quaternion xyzw (4,).
 
@@ -86,6 +93,10 @@ class EnvironmentMapping(ABC):
     goal: ClassVar[Goal | None] = None
     """Without it, progress and the kinds of failures are not measured."""
     cameras: ClassVar[tuple[str, ...]] = CAMERAS[:1]
+
+    def opened(self, world: Any) -> Any:
+        """Return the environment without its wrappers, prepared once; MuJoCo's has `model` and `data` then."""
+        return world
 
     @abstractmethod
     def observe(self, moment: Moment) -> dict[str, FloatArray]:

@@ -33,7 +33,7 @@ class GymnasiumSimulation(BaseSimulation):
         """
         super().__init__(view, mapping.instruction, mapping.action_spec)
         self._mapping, self._env = mapping, _make(mapping)
-        world = self._world = self._env.unwrapped
+        world = self._world = mapping.opened(self._env.unwrapped)
         is_mujoco = hasattr(world, "model") and hasattr(world, "data")
         self._scene = MujocoScene(world.model, world.data, view.render_profile) if is_mujoco else None
         if self._scene:

@@ -210,7 +210,7 @@ def _spec(options: LeRobotOptions, declared: _Declared) -> PolicySpec:
         numbers = shapes[state][0]
     if state is not None and shapes[state] != (numbers,):
         meaning = "joints, gripper" if options.joints else "position, axis-angle, fingers"
-        hint = "" if options.joints else "; for others give option convention: so101, droid or native, or joints"
+        hint = "" if options.joints else "; for others give option convention: so101, aloha, droid or native, or joints"
         raise mismatch(
             f"expected {state} of {numbers} numbers ({meaning}), the checkpoint was trained on {shapes[state]}{hint}"
         )

@@ -26,6 +26,7 @@ _SCRIPT_MODULES: Mapping[str, tuple[str, ...]] = {
     "libero": (),
     "two_arms": ("maniskill_motion", "robosuite", "joints"),
     "so101": (),
+    "aloha": ("joints", "two_arms", "maniskill_motion", "robosuite"),
 }
 """Modules of scripts to the modules beside them, except `motion`, from which they import."""
 

@@ -96,15 +96,17 @@ def turn_image(convention: Convention, camera: str, image: Image, *, mirrored: b
 
 
 def resize_image(convention: Convention, image: Image) -> Image:
-    """Resize an image, bilinear; black padding on both sides fills another shape."""
+    """Resize an image, bilinear; black padding on both sides fills another shape, or it is cut to that shape."""
     if convention.image_size is None:
         return image
     height, width = convention.image_size if isinstance(convention.image_size, tuple) else (convention.image_size,) * 2
     if image.shape[:2] == (height, width):
         return image
-    from PIL import Image as Picture
+    from PIL import Image as Picture, ImageOps
 
     picture = Picture.fromarray(image)
+    if convention.resize == "crop":
+        return np.asarray(ImageOps.fit(picture, (width, height), Picture.Resampling.BILINEAR))
     if convention.resize == "stretch":
         return np.asarray(picture.resize((width, height), Picture.Resampling.BILINEAR))
     factor = min(width / picture.width, height / picture.height)

@@ -15,6 +15,7 @@ DROID_STEP, DROID_HZ = 0.2, 15.0
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "libero": libero.OPTIONS,
     "so101": {"joints": 5, "joint_scale": math.pi / 180.0, "gripper_open": 100.0, "gripper_closed": 0.0},
+    "aloha": {"joints": 6, "arms": 2, "gripper_open": 1.0, "gripper_closed": 0.0, "resize": "crop"},
     "droid": {
         **{"joints": 7, "velocity_scale": DROID_STEP * DROID_HZ},
         **{"gripper_open": 0.0, "gripper_closed": 1.0, "gripper_threshold": 0.5},

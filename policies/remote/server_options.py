@@ -94,11 +94,12 @@ class Convention(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    convention: Literal["robogauntlet", "libero", "so101", "droid", "native"] = "robogauntlet"
+    convention: Literal["robogauntlet", "libero", "so101", "aloha", "droid", "native"] = "robogauntlet"
     """robogauntlet, or libero for policies trained on LIBERO's own data, which sets turn, rotation and the scales, or
-    so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers, or droid
-    for openpi's of DROID, which sets joints, velocity_scale and the gripper's numbers, or native for tasks such as
-    gymnasium/PushT-v0, whose numbers are the environment's own: all are sent as they are"""
+    so101 for LeRobot's SO-100 and SO-101 in degrees, which sets joints, joint_scale and the gripper's numbers, or aloha
+    for gym-aloha's, which sets joints, arms, resize and the gripper's numbers, or droid for openpi's of DROID, which
+    sets joints, velocity_scale and the gripper's numbers, or native for tasks such as gymnasium/PushT-v0, whose numbers
+    are the environment's own: all are sent as they are"""
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """camera to the server's key"""
     proprioception: StateKeys = STATE_KEY
@@ -108,8 +109,8 @@ class Convention(BaseModel):
     """key of the goal in words; null to leave it out"""
     image_size: Size | tuple[Size, Size] | None = None
     """px, or [height, width], in which frames are rendered unless the suite states another; by default as rendered"""
-    resize: Literal["pad", "stretch"] = "pad"
-    """pad (keeps the shape) or stretch"""
+    resize: Literal["pad", "stretch", "crop"] = "pad"
+    """pad (keeps the shape), stretch, or crop (keeps the shape, fills another by the middle)"""
     turn: Annotated[str | dict[str, str], BeforeValidator(_turns)] = "none"
     """none, half (180 degrees), left-right or upside-down: how images are turned before they are resized and sent; or
     one for each camera, such as {third_person: left-right, wrist: none}"""
@@ -153,7 +154,7 @@ class Convention(BaseModel):
                 raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
         if self.is_native and (of_robots := sorted(self.model_fields_set & OF_ROBOTS)):
             raise ValueError(f"expected no {' and no '.join(of_robots)} beside convention native")
-        joints = self.width // self.arms - 1 if self.has_joints else 0
+        joints = self.width // self._arms - 1 if self.has_joints else 0
         if self.arms > 1 and not joints:
             raise ValueError(f"arms: expected joints, their number, beside it, got {self.arms} without")
         if self.columns is not None and len(self.columns) != self.width and not self.is_native:
@@ -263,10 +264,15 @@ class Convention(BaseModel):
         return self.width if self.joints else ACTION_DIM
 
     @property
+    def _arms(self) -> int:
+        """Arms, by option or convention."""
+        return int(PRESETS.get(self.convention, {}).get("arms", self.arms))
+
+    @property
     def width(self) -> int:
         """Number of columns that are read of an answer's row."""
         if self.has_joints:
-            return self.arms * (int(self.joints or PRESETS[self.convention]["joints"]) + 1)
+            return self._arms * (int(self.joints or PRESETS[self.convention]["joints"]) + 1)
         return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
 
 

@@ -10,5 +10,7 @@ pytestmark = [pytest.mark.simulator, pytest.mark.skipif(missing is not None, rea
 
 test_gymnasium_keeps_the_contract = conformance_tests("gymnasium", tasks=["FetchPickAndPlace-v4"])
 test_gymnasium_keeps_the_contract_in_others = pytest.mark.nightly(
-    conformance_tests("gymnasium", tasks=["FetchReach-v4", "PandaReach-v3", "PushT-v0"])
+    conformance_tests(
+        "gymnasium", tasks=["FetchReach-v4", "PandaReach-v3", "PushT-v0", "AlohaTransferCube-v0", "AlohaInsertion-v0"]
+    )
 )

@@ -95,9 +95,10 @@ def specs(subject: CheckedTask) -> Iterator[Violation]:
         value = getattr(action, name)
         yield from expect(low <= value <= high, f"{name} of {low:g} to {high:g} {unit}", f"{value:g}")
     for joint in action.joints:
-        known = -MOST_TURNED <= joint.low < joint.high <= MOST_TURNED and 0.0 < joint.step <= 1.0
-        expected = f"{joint.name} from low to high, within {MOST_TURNED:g} rad, and a step of at most 1 rad"
-        yield from expect(known, expected, f"{joint.low:g} to {joint.high:g}, step {joint.step:g}")
+        known = -MOST_TURNED <= joint.low < joint.high <= MOST_TURNED
+        known &= 0.0 < joint.step <= 1.0 or joint.step == joint.high - joint.low
+        sought = f"{joint.name} from low to high, within {MOST_TURNED:g} rad, and a step of at most 1 rad, or all of it"
+        yield from expect(known, sought, f"{joint.low:g} to {joint.high:g}, step {joint.step:g}")
     for number in action.numbers:
         expected = f"{number.name} with low below high"
         yield from expect(number.low < number.high, expected, f"{number.low:g} to {number.high:g}")

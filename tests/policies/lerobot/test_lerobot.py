@@ -100,7 +100,7 @@ def test_a_checkpoint_of_an_so101_plays_its_tasks_and_no_others(bare):
     spec = catalog.spec("lerobot", {"checkpoint": str(folder), "convention": "so101"})
     assert spec.can_act_in("so101/Stack")
     assert not spec.can_act_in("robosuite/Lift")
-    hint = "expected observation.state of 8 numbers .*; for others give option convention: so101, droid or native"
+    hint = "expected observation.state of 8 numbers .*; for others give option convention: so101, aloha, droid or"
     with one_line_error(PolicyError, hint):
         catalog.spec("lerobot", {"checkpoint": str(folder)})
 

@@ -174,9 +174,22 @@ def test_two_arms_have_their_joints_and_grippers_one_after_the_other():
     assert options.action_dim == 6
 
 
+def test_alohas_grippers_are_sent_from_closed_to_open_and_the_middle_of_its_images():
+    options = server_options(convention="aloha", cameras={"third_person": "image"}, image_size=[48, 64])
+    images = {"third_person": np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)}
+    state = np.array([*[0.1] * 6, 1.0, *[-0.2] * 6, -0.5])
+    sent = encode_observation(options, Observation(images, state, "lift", of_joints=True), EPISODE)
+    np.testing.assert_array_equal(sent["image"], images["third_person"][8:56])
+    np.testing.assert_allclose(sent["observation/state"], [*[0.1] * 6, 0.0, *[-0.2] * 6, 0.75])
+    np.testing.assert_allclose(decode_chunk(options, {"actions": sent["observation/state"][None]}), state[None])
+    assert (options.action_dim, options.wishes.image_size) == (14, 64)
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
+        ({"convention": "aloha", "columns": [0] * 7}, "columns: expected 14 places for joints and gripper, got 7"),
+        ({"convention": "aloha", "resize": "pad"}, "expected no resize, which convention aloha sets"),
         ({"joints": 5, "rotation": "euler"}, "expected no rotation beside joints, whose targets are no motion"),
         ({"joints": 5, "joint_scale": [1.0, 2.0]}, r"joint_scale: .* one for each of joints, got \[1.0, 2.0\]"),
         ({"joints": 5, "joint_scale": 0.0}, r"joint_scale: expected a number other than 0"),
