@@ -1,4 +1,4 @@
-"""A checkpoint of PushT or ALOHA plays here as by `lerobot-eval`: the same successes and rewards on the same seeds."""
+"""A checkpoint of PushT plays here as by `lerobot-eval`: the same successes and rewards on the same seeds."""
 
 import json
 import sys
@@ -14,25 +14,18 @@ from tests.own_environments import FOLDER
 from tests.policies.lerobot.asking import MAKING
 from tests.processes import run_gauntlet, run_process
 
-COUNT = 5
-SUITE = """
-name: evaluation
-policies: [{{name: act, kind: lerobot, options: {{checkpoint: act, {options}}}}}]
-tasks: [gymnasium/{task}]
+START, COUNT, HORIZON = 360_145, 5, 60
+"""Of them, the block starts over nine tenths of its outline in the second, and the policy happens to finish it."""
+SUITE = f"""
+name: pusht
+policies: [{{name: act, kind: lerobot, options: {{checkpoint: act, convention: native}}}}]
+tasks: [gymnasium/PushT-v0]
 cameras: [third_person]
-seeds: {{start: {start}, count: {count}}}
-horizon: {horizon}
+image_size: 96
+seeds: {{start: {START}, count: {COUNT}}}
+horizon: {HORIZON}
 success: once
 """
-CASES = {
-    # The block starts over nine tenths of its outline in the second, and the policy happens to finish it.
-    "pusht": {"task": "PushT-v0", "start": 360_145, "horizon": 60, "options": "convention: native", "finished": 1},
-    "aloha": {
-        **{"task": "AlohaTransferCube-v0", "start": 0, "horizon": 40, "finished": 0},
-        "options": "convention: aloha, image_size: [480, 640]",
-    },
-}
-"""Environment of LeRobot to what is played here, and the number of successes."""
 FEATURES = {"observation.image": {"shape": [3, 96, 96]}, "observation.state": {"shape": [2]}}
 ACTIONS = {"action": {"shape": [2]}}
 
@@ -44,14 +37,9 @@ def run(command, cwd, **variables):
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
 
 
-def pinned(*names):
-    lines = (ROOT / "constraints.txt").read_text().splitlines()
-    return [line for line in lines if line.partition("==")[0] in names]
-
-
 @pytest.fixture(scope="module")
 def evaluating(newer, tmp_path_factory):
-    """A Python with LeRobot's evaluation, PushT and ALOHA, by its extras, beside what `env create` made."""
+    """A Python with LeRobot's evaluation and PushT, as its extras install them, beside what `env create` made."""
     folder = tmp_path_factory.mktemp("evaluating")
     run([newer, "-m", "venv", "--without-pip", folder], folder)
     (site,), (own,) = (
@@ -59,31 +47,30 @@ def evaluating(newer, tmp_path_factory):
     )
     (site / "lerobot.pth").write_text(str(own))
     python = str(folder / "bin" / "python")
-    needed = ["lerobot[evaluation,pusht,aloha]==0.6.1", *pinned("mujoco", "dm_control")]
-    run([sys.executable, "-m", "pip", "--python", python, "install", "--quiet", *needed], folder)
+    run(
+        [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "lerobot[evaluation,pusht]==0.6.1"],
+        folder,
+    )
     return python
 
 
 @pytest.mark.nightly
 @pytest.mark.simulator
 @pytest.mark.ray
-@pytest.mark.parametrize("env", CASES)
-def test_its_evaluation_and_ours_have_the_same_successes_and_rewards(env, evaluating, newer, tmp_path):
-    case = CASES[env]
-    run([newer, MAKING, tmp_path / "act", f"--{env}"], tmp_path)
-    asked = [f"--policy.path={tmp_path / 'act'}", "--policy.device=cpu", f"--env.type={env}", f"--seed={case['start']}"]
-    asked += [f"--env.episode_length={case['horizon']}", f"--eval.n_episodes={COUNT}", "--eval.batch_size=1"]
-    command = [evaluating, "-m", "lerobot.scripts.lerobot_eval", *asked, f"--output_dir={tmp_path / 'theirs'}"]
-    run(command, tmp_path, MUJOCO_GL="egl")
+def test_its_evaluation_and_ours_have_the_same_successes_and_rewards(evaluating, newer, tmp_path):
+    run([newer, MAKING, tmp_path / "act", "--pusht"], tmp_path)
+    asked = [f"--policy.path={tmp_path / 'act'}", "--policy.device=cpu", "--env.type=pusht", f"--seed={START}"]
+    asked += [f"--env.episode_length={HORIZON}", f"--eval.n_episodes={COUNT}", "--eval.batch_size=1"]
+    run([evaluating, "-m", "lerobot.scripts.lerobot_eval", *asked, f"--output_dir={tmp_path / 'theirs'}"], tmp_path)
     theirs = json.loads((tmp_path / "theirs" / "eval_info.json").read_text())["per_task"][0]["metrics"]
-    (tmp_path / "suite.yaml").write_text(SUITE.format(**case, count=COUNT))
-    command = ["run", "suite.yaml", "--out", "ours", "--no-media"]
+    (tmp_path / "pusht.yaml").write_text(SUITE)
+    command = ["run", "pusht.yaml", "--out", "ours", "--no-media"]
     done = run_gauntlet(*command, cwd=tmp_path, ROBOGAUNTLET_ENVIRONMENTS=FOLDER, OMP_NUM_THREADS="1")
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     rows = open_run(tmp_path / "ours").episodes().sort_values("seed")
-    assert list(rows.seed) == [*range(case["start"], case["start"] + COUNT)]
+    assert list(rows.seed) == [*range(START, START + COUNT)]
     assert list(rows.status == "success") == theirs["successes"]
-    assert sum(theirs["successes"]) == case["finished"]
+    assert sorted(set(theirs["successes"])) == [False, True]
     assert rows.reward_sum.to_numpy() == pytest.approx(theirs["sum_rewards"], abs=1e-6)
     assert sum(reward > 0.1 for reward in theirs["sum_rewards"]) >= 3
 
