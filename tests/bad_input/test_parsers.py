@@ -82,7 +82,7 @@ SERVER_OPTIONS = {
     "token_variable=WANDB_API_KEY": "token_variable: expected ROBOGAUNTLET_POLICY",
     "timeout_s=-1": "timeout_s: expected greater than 0, got -1",
     "timeout_s=.nan": "timeout_s: expected a finite number, got nan",
-    "convention=nope": "convention: expected 'robogauntlet', 'libero', 'so101', 'droid' or 'native'",
+    "convention=nope": "convention: expected 'robogauntlet', 'libero', 'so101', 'aloha', 'droid' or 'native'",
 }
 VARIED = {
     "nois": "--vary nois: unknown axis 'nois'; did you mean 'noise'",
