@@ -348,7 +348,7 @@ _ALL = (
         name="resampled",
         changes=Changes.STARTS,
         unchanged=None,
-        summary="Objects are placed anew by the task's own rules. A policy that fails has learned the stored states.",
+        summary="The task's own rules place the objects, no stored state. Success that is lost depends on these.",
         references="LIBERO-PRO (2510.03827), and states within the range of training in 2606.04233",
     ),
     Axis(

@@ -7,6 +7,7 @@ import pytest
 
 from robogauntlet.adapters.gymnasium import SIMULATOR
 from robogauntlet.suites.episode import CAMERAS, View
+from tests.policies.playing import steps_to_success
 
 pytestmark = pytest.mark.simulator
 START = np.array([0.0, -0.96, 1.16, 0.0, -0.3, 0.0, 0.1])
@@ -33,3 +34,8 @@ def test_a_step_is_the_environments_own_but_for_pictures_that_nobody_asked_for()
     middle = observation.images["third_person"][80:560].astype(int)
     differing = np.abs(middle - seen["pixels"]["top"]).max(axis=2)
     assert (differing > 2).mean() < 1e-3
+
+
+@pytest.mark.parametrize("task", ["AlohaTransferCube-v0", "AlohaInsertion-v0"])
+def test_the_oracle_succeeds_within_the_horizon(task):
+    assert None not in steps_to_success(SIMULATOR, task, [0])

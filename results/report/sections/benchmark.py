@@ -25,7 +25,7 @@ WITHOUT = {
     "blank-instruction": ("without the instruction", "the instruction"),
     "wrong-goal": ("at the task's goal when told another one", "to be told this goal"),
     "blind": ("with black images", "images"),
-    "resampled": ("from placements drawn anew", "the stored states"),
+    "resampled": ("from newly drawn placements", "the stored states"),
 }
 """Control to how the episodes are played, and what success needs if they fail."""
 

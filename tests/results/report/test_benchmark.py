@@ -36,7 +36,7 @@ def test_each_control_says_whether_success_needs_what_it_takes_away(leaking):
     assert instruction.endswith("it does not need the instruction (loses less than 5 points).")
     assert "with black images 0 %" in images
     assert images.endswith("it needs images.")
-    assert "from placements drawn anew 50 %" in states
+    assert "from newly drawn placements 50 %" in states
     assert states.endswith("it needs the stored states.")
 
 
