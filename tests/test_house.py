@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 15_763,
     "suites": 2_802,
     "src/robogauntlet": 969,
-    "tests": 52_771,
+    "tests": 52_853,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

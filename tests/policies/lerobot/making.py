@@ -1,7 +1,7 @@
 """Runs in an environment with LeRobot.
 
 `making.py FOLDER KIND...` makes small checkpoints of random weights and computes LeRobot's actions, `making.py FOLDER
---only-act SIZE` makes one for images of that size (px), and `making.py FOLDER --pusht` one for PushT.
+--only-act SIZE` makes one for images of that size (px), and `making.py FOLDER --pusht` or `--aloha` one for that task.
 """
 
 import os
@@ -14,6 +14,8 @@ import torch
 from tests.policies.lerobot import language
 
 SIZE, STATE, DIM = 32, 8, 7
+LOW, SWEEPS = (0.0, 0.21, 0.42, 0.0, 0.93, 0.0, 0.5), (0.15, 0.02, 0.02, 0.02, 0.02, 0.02, 0.3)
+"""Targets of ALOHA's right arm by which it is above the table (rad, and its gripper), and how much they vary."""
 
 
 def make(kind, folder, size=SIZE):
@@ -85,6 +87,19 @@ def make_pusht(folder):
     write("act", folder, sizes, numbers, ((3, 96, 96), (2,), (2,)), seed=6)
 
 
+def make_aloha(folder):
+    """Make an ACT that moves the right arm about where the cube starts."""
+    sizes = {"chunk_size": 20, "n_action_steps": 10, "dim_model": 32, "n_heads": 2, "dim_feedforward": 32}
+    sizes |= {"n_encoder_layers": 1, "n_vae_encoder_layers": 1, "latent_dim": 4, "pretrained_backbone_weights": None}
+    left = [0.0, -0.96, 1.16, 0.0, -0.3, 0.0, 0.5]
+    numbers = {
+        "observation.images.top": {"mean": 0.5, "std": 0.3},
+        "observation.state": {"mean": 0.0, "std": 1.0},
+        "action": {"mean": [*left, *LOW], "std": [*[0.1] * 7, *SWEEPS]},
+    }
+    write("act", folder, sizes, numbers, ((3, 480, 640), (14,), (14,)), seed=6)
+
+
 def write(kind, folder, sizes, numbers, shapes, seed):
     """Write a checkpoint of random weights with these statistics; names and shapes are of image, state and action."""
     from lerobot.configs.types import FeatureType, PolicyFeature
@@ -97,7 +112,10 @@ def write(kind, folder, sizes, numbers, shapes, seed):
     torch.manual_seed(seed)
     policy = get_policy_class(kind)(config)
     statistics = {
-        name: {key: torch.full((3, 1, 1) if len(shape) > 1 else shape, value) for key, value in values.items()}
+        name: {
+            key: torch.tensor(value).broadcast_to((3, 1, 1) if len(shape) > 1 else shape).clone()
+            for key, value in values.items()
+        }
         for (name, values), shape in zip(numbers.items(), shapes, strict=True)
     }
     for part in (policy, *make_pre_post_processors(config, dataset_stats=statistics)):
@@ -133,9 +151,10 @@ if __name__ == "__main__":
     from robogauntlet.policies.lerobot.child import torchvision_beside_any_torch
 
     torchvision_beside_any_torch(torch)
-    if "--pusht" in sys.argv:
-        make_pusht(Path(sys.argv[1]))
-        sys.exit()
+    for option, making in {"--pusht": make_pusht, "--aloha": make_aloha}.items():
+        if option in sys.argv:
+            making(Path(sys.argv[1]))
+            sys.exit()
     if "--only-act" in sys.argv:
         make("act", Path(sys.argv[1]), int(sys.argv[3]))
         sys.exit()
