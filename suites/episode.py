@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -191,7 +191,7 @@ class Protocol:
         Those of RoboGauntlet's own protocol and of a protocol's own rule are left out, as ids and datasets are older
         than names of protocols and of rules.
         """
-        fields = asdict(self)
+        fields = _fields(self) | {"view": _fields(self.view)}
         if self.name is ProtocolName.ROBOGAUNTLET:
             del fields["name"]
         if self.success is None:
@@ -224,7 +224,7 @@ class Episode:
     @cached_property
     def pair_id(self) -> str:
         """Hash of everything except the policy: equal for the episodes that a paired comparison compares."""
-        condition, protocol = asdict(self.condition), self.protocol.described()
+        condition, protocol = _fields(self.condition), self.protocol.described()
         content = {"task": self.task, "seed": self.seed, "condition": condition, "protocol": protocol}
         names = (part.partition(AT)[0] for part in self.condition.axis.split(AND))
         versions = {name: min(self.axis_version, AXIS_VERSIONS.get(name, 1)) for name in names}
@@ -258,7 +258,14 @@ class Cell:
         return Episode(self.policy, self.policy_digest, self.task, seed, self.protocol, self.condition)
 
 
+def _fields(value: Any) -> dict[str, Any]:
+    """The fields of a frozen value with slots: `dataclasses.asdict` would copy each one deeply."""
+    return {name: getattr(value, name) for name in value.__slots__}
+
+
+_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
 def content_hash(content: object, *, length: int = 16) -> str:
     """Return SHA-256 of the canonical JSON of `content` (sorted keys, no spaces, no NaN), in hexadecimal digits."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()[:length]
+    return hashlib.sha256(_CANONICAL.encode(content).encode()).hexdigest()[:length]

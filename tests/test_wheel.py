@@ -241,7 +241,7 @@ def test_every_shipped_suite_is_valid_where_few_simulators_are_installed(program
     run(python, "-c", VALIDATE, *sorted(path.stem for path in suites), cwd=tmp_path, env=variables)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_program_has_neither_torch_nor_mergevla(program, tmp_path):
     absent = "from importlib.util import find_spec; print([*map(find_spec, ('torch', 'robogauntlet_mergevla'))])"
     assert run(program.with_name("python"), "-c", absent) == "[None, None]\n"
@@ -252,7 +252,10 @@ def test_the_program_has_neither_torch_nor_mergevla(program, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.simulator
-def test_the_quick_start_is_followed_word_by_word(program, tmp_path):
+@pytest.mark.ray
+@pytest.mark.parametrize("place", ["here", pytest.param("a new environment", marks=pytest.mark.nightly)])
+def test_the_quick_start_is_followed_word_by_word(place, request, tmp_path):
+    program = request.getfixturevalue("program") if place != "here" else Path(sys.executable).with_name("robogauntlet")
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     section = page.partition("\n## Quick start\n")[2].partition("\n## ")[0]
     printed = ""

@@ -11,6 +11,7 @@ from tests.adapters.test_libero_apart import VARIABLE, run_command, surroundings
 from tests.own_environments import python_of
 
 pytestmark = [
+    pytest.mark.nightly,
     pytest.mark.simulator,
     pytest.mark.slow,
     pytest.mark.skipif(
@@ -23,20 +24,13 @@ __all__ = ["surroundings"]
 
 def test_the_tests_of_liberopluss_adapter_pass_there(surroundings):
     command = [python_of("libero-plus"), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
-    done = subprocess.run(
-        [*command, "tests/adapters/test_libero_plus.py"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=ROOT,
-        env=surroundings,
-    )
+    command.append("tests/adapters/test_libero_plus.py")
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=surroundings)
     assert done.returncode == 0, done.stdout[-6000:]
     assert "skipped" not in done.stdout.splitlines()[-1]
 
 
 @pytest.mark.ray
-@pytest.mark.nightly
 def test_a_variant_is_played_with_the_real_assets(surroundings, tmp_path):
     python_of("libero-plus")
     suite, folder = tmp_path / "camera.yaml", tmp_path / "run"

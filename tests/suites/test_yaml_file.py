@@ -4,6 +4,7 @@ import sys
 import time
 
 import pytest
+from hypothesis import example, given, strategies as st
 
 from robogauntlet.suites.yaml_file import MAX_BYTES, YamlError, parse_yaml, read_yaml
 
@@ -85,3 +86,18 @@ def test_a_file_that_cannot_be_read_is_one_line(tmp_path, name, line):
     with pytest.raises(YamlError) as caught:
         read_yaml(tmp_path / name, "a file")
     assert str(caught.value).startswith(line)
+
+
+@given(st.text(":-[]{},#'\"|>&*!%@`~?\t\n\x85\ufeff ab1é", max_size=40))
+@example("a: {b: [1, 'c']}\nd: |\n  e\nf:\n- g\n")
+def test_a_text_is_read_or_refused_in_the_same_words_with_and_without_libyaml(text):
+    def read():
+        try:
+            return parse_yaml(text)
+        except YamlError as error:
+            return str(error), error.line
+
+    with_it = read()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("yaml.__with_libyaml__", False)
+        assert read() == with_it

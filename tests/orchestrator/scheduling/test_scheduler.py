@@ -17,7 +17,6 @@ from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.resources import Resources
-from tests.full_disk import no_space
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 SOURCES = {name: PolicySource(name) for name in ("oracle", "random", "zero")}
@@ -89,15 +88,6 @@ def test_a_killed_worker_only_costs_a_retry(observer):
     assert sorted(map(outcome_row, rows)) == sorted(map(outcome_row, undisturbed))
 
 
-def test_an_episode_that_kills_its_worker_once_succeeds_at_the_next_attempt(observer, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "robogauntlet.orchestrator.environments.resolver._ONE_THREAD", {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}
-    )
-    rows = play(observer, work("null/Crash", range(5, 9)))
-    assert seeds(rows) == Counter(range(5, 9))
-    assert {row.status for row in rows} == {"success"}
-
-
 def test_an_episode_that_kills_every_worker_becomes_an_error_and_the_others_are_played(observer):
     rows = play(observer, work("null/Crash", range(1, 9)), max_attempts=2, allowed_errors=1)
     assert seeds(rows) == Counter(range(1, 9))
@@ -155,11 +145,6 @@ def test_an_interruption_keeps_returned_rows_and_leaves_no_process(observer):
         Scheduler(queues, RayWorkerPool(SOURCES), options(), rows.extend, observer).run()
     assert 5 <= len(rows) < 100
     assert all(gone(ready.pid) for _, ready in observer.ready)
-
-
-def test_a_sink_that_fails_ends_the_run(observer):
-    with pytest.raises(OSError, match="No space left"):
-        Scheduler(work_queues(work(), 3), RayWorkerPool(SOURCES), options(), no_space, observer).run()
 
 
 def test_a_simulator_that_cannot_be_opened_is_skipped_with_its_reason(observer, monkeypatch):

@@ -16,12 +16,13 @@ from robogauntlet.policies.lerobot.checkpoint import read_checkpoint
 from robogauntlet.policies.lerobot.lerobot_policy import ProcessLost
 from tests.errors import one_line_error
 from tests.policies.lerobot.asking import CHUNK, EPISODE, answers, make
+from tests.processes import run_gauntlet
 
 
 @pytest.fixture(scope="session")
 def made(each_python, tmp_path_factory):
-    """Folder with a checkpoint and LeRobot's actions for each kind, and the queries."""
-    return make(each_python, tmp_path_factory.mktemp("lerobot"), "act", "diffusion")
+    """Folder with a checkpoint of ACT, LeRobot's actions and the queries."""
+    return make(each_python, tmp_path_factory.mktemp("lerobot"), "act")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,8 @@ def test_actions_of_act_are_bit_identical_to_lerobots(played, made):
 
 
 @pytest.mark.nightly
-def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identical_to_lerobots(each_python, made):
+def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identical_to_lerobots(each_python, tmp_path):
+    made = make(each_python, tmp_path, "diffusion")
     policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": each_python})
     assert policy.spec.chunk_length == CHUNK["diffusion"]
     np.testing.assert_array_equal(*answers(policy, made, "diffusion"))
@@ -76,6 +78,15 @@ def test_weights_that_cannot_be_read_are_one_line(each_python, made, tmp_path):
     (tmp_path / "broken" / "model.safetensors").write_bytes(b"none")
     with pytest.raises(PolicyError, match=r"^policy 'lerobot': SafetensorError: "):
         catalog.load("lerobot", {"checkpoint": str(tmp_path / "broken"), "python": each_python})
+
+
+@pytest.mark.nightly
+def test_without_a_newer_python_an_older_lerobot_is_made_and_the_reason_told(tmp_path):
+    without = {"PATH": "/nowhere", "PYENV_ROOT": "/nowhere", "ROBOGAUNTLET_ENVIRONMENTS": str(tmp_path)}
+    done = run_gauntlet("env", "create", "lerobot", timeout=900, **without)
+    needs = "lerobot[diffusion,pi,smolvla]==0.6.1 needs Python 3.12 or 3.13, and none that starts is on the PATH"
+    assert needs in done.stdout, done.stderr
+    assert "lerobot 0.4.4" in done.stdout.splitlines()[-1]
 
 
 def test_the_hash_covers_files_and_conversions_but_not_the_folder(bare, tmp_path):
