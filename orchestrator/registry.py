@@ -11,7 +11,8 @@ from robogauntlet.adapters import catalog as simulators
 from robogauntlet.adapters.body import NO_METRES
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.policies import catalog as policies
-from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of
+from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, axes_of
+from robogauntlet.suites.axis import Axis
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import Problem, SuiteError
 from robogauntlet.suites.paraphrases import why_unsupported

@@ -19,7 +19,7 @@ from robogauntlet.adapters.contract import (
     UnsupportedCondition,
 )
 from robogauntlet.adapters.wrapper import SimulationWrapper
-from robogauntlet.suites.axes import Axis, Changes
+from robogauntlet.suites.axis import Axis, Changes
 from robogauntlet.suites.episode import CLEAN, Episode
 
 Control = TypeVar("Control")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from robogauntlet.adapters.contract import Delivered, FloatArray, Observation
 from robogauntlet.orchestrator.perturbations.base import Perturbed, PerturbedSimulation
-from robogauntlet.suites.axes import Changes
+from robogauntlet.suites.axis import Changes
 
 
 class Combination(PerturbedSimulation):

@@ -11,7 +11,8 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation
 from robogauntlet.orchestrator.replay.media_selection import Snapshot
-from robogauntlet.suites.axes import AXES, Changes
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.axis import Changes
 from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
 
 STEPS, REPLAN_EVERY = 48, 8

@@ -5,7 +5,8 @@ import pytest
 
 from robogauntlet.adapters.maniskill import SIMULATOR
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.suites.axes import AXES, Changes
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.axis import Changes
 from robogauntlet.suites.episode import Condition, Episode, Protocol, View
 from tests.jobs import mostly_nightly
 

@@ -13,7 +13,8 @@ from robogauntlet.orchestrator.cli.common import out
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.registry import why_impossible, why_unadjusted
 from robogauntlet.orchestrator.replay.first_observation import delivered_values
-from robogauntlet.suites.axes import AXES, SEVERITIES, Axis
+from robogauntlet.suites.axes import AXES, SEVERITIES
+from robogauntlet.suites.axis import Axis
 from robogauntlet.suites.episode import CONTROLS, Condition
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput

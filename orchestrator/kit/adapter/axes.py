@@ -18,7 +18,8 @@ from robogauntlet.orchestrator.kit.adapter.checked_task import CheckedTask
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import Perturbed
 from robogauntlet.orchestrator.registry import why_unadjusted
-from robogauntlet.suites.axes import AXES, Axis
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.axis import Axis
 from robogauntlet.suites.episode import Condition, Episode, Protocol
 
 SEED = 7

@@ -10,7 +10,8 @@ from robogauntlet.adapters.contract import NotDelivered, UnsupportedCondition
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.orchestrator.perturbations import instructions, perturbed
 from robogauntlet.orchestrator.perturbations.cameras import MovedCameras
-from robogauntlet.suites.axes import AXES, Changes, why_exclusive
+from robogauntlet.suites.axes import AXES, why_exclusive
+from robogauntlet.suites.axis import Changes
 from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Perturbation, Protocol
 from robogauntlet.suites.paraphrases import PARAPHRASES
 from tests.orchestrator.episodes.test_rollout import Scripted

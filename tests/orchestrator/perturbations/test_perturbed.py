@@ -13,7 +13,8 @@ from robogauntlet.adapters.contract import AdapterError, Delivered, ObservationS
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.orchestrator.perturbations import images, instructions, perturbed
 from robogauntlet.policies.contract import PolicyInput
-from robogauntlet.suites.axes import AXES, Changes
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.axis import Changes
 from robogauntlet.suites.episode import View
 from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 from tests.orchestrator.episodes.test_rollout import Scripted

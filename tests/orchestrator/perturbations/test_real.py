@@ -11,7 +11,8 @@ from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedScene
 from robogauntlet.orchestrator.registry import why_unadjusted
 from robogauntlet.results.record import Status, outcome_row
-from robogauntlet.suites.axes import AXES, Changes
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.axis import Changes
 from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Perturbation, Protocol, RenderProfile, View
 from tests.jobs import mostly_nightly
 

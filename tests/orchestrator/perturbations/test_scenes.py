@@ -18,7 +18,8 @@ from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.orchestrator.perturbations.physics import distance_from
 from robogauntlet.orchestrator.perturbations.table_and_distractors import PATTERNS, painted, pattern
 from robogauntlet.policies.contract import PolicyInput
-from robogauntlet.suites.axes import AXES, Changes
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.axis import Changes
 from tests.errors import one_line_error
 from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import TABLE, Scene, begin, episode
