@@ -32,6 +32,19 @@ def standing_still(simulation: Simulation) -> FloatArray:
     return still
 
 
+def holding(simulation: Simulation, last: FloatArray | None) -> FloatArray:
+    """Return an action that keeps the arms where they are, with grippers as the `last` action commanded.
+
+    Targets of joints are those of the last action. Before the first one it is `standing_still`.
+    """
+    spec = simulation.action_spec
+    if last is None or spec.numbers:
+        return standing_still(simulation)
+    if spec.body.moves is Moves.TARGETS:
+        return last.copy()
+    return np.where([name.endswith(GRIPPER) for name in spec.names], last, 0.0)
+
+
 def motion_reader(simulation: Simulation) -> Callable[[Sequence[str]], Motion]:
     """Return a simulation's own `motion`, or one that reads its `privileged_state`.
 

@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from robogauntlet.suites.episode import Condition, Episode, Protocol, ProtocolName, RenderProfile, SuccessRule, View
+from robogauntlet.suites.timing import read_timing
 
 
 class Status(StrEnum):
@@ -73,11 +74,24 @@ class EpisodeResult:
         "once or held if a success is one by another rule than the protocol's, else empty: held for 5 steps in a row, "
         "under openvla once.",
     ] = None
+    timing: Annotated[
+        str | None, "How long answers take in simulated time, such as hold:80ms; empty: the simulation waits for them."
+    ] = None
     status: Annotated[str, "success, failure or error; an error is neither of the others."]
     success_once: Annotated[bool, "The task's predicate was true after at least one step."]
     steps: Annotated[int, "Control steps executed."]
     queries: Annotated[int, "Times that the policy was asked."]
     clipped_steps: Annotated[int, "Steps whose action went beyond the simulator's bounds and was clipped."]
+    held_steps: Annotated[
+        int | None, "Steps in which the robot held, as it had no action while an answer took time."
+    ] = None
+    stale_steps: Annotated[int | None, "Steps of the answer before, executed while the next one took time."] = None
+    observation_age: Annotated[
+        float | None, "Mean age of the observation behind an executed action, if answers take time (s, to 1e-3)."
+    ] = None
+    chunk_share: Annotated[
+        float | None, "Share of the answered actions that were executed, if answers take time (rounded to 1e-3)."
+    ] = None
     reward_sum: Annotated[float, "Sum of the simulator's reward (rounded to 1e-6)."]
     state_hash: Annotated[str, "Hash of the physical state after reset: equal within a pair."]
     final_state_hash: Annotated[str, "Hash of the physical state at the end."]
@@ -140,11 +154,11 @@ class EpisodeResult:
 
     @property
     def episode(self) -> Episode:
-        """The episode of the row. Raises ValueError for an unknown render profile, protocol or rule."""
+        """The episode of the row. Raises ValueError for an unknown render profile, protocol, rule or timing."""
         view = View(tuple(self.cameras.split(",")), self.image_size, RenderProfile(self.render_profile))
         name = ProtocolName(self.protocol or ProtocolName.ROBOGAUNTLET)
         rule = None if self.success_rule is None else SuccessRule(self.success_rule)
-        protocol = Protocol(self.horizon, self.replan_every, view, name, rule)
+        protocol = Protocol(self.horizon, self.replan_every, view, name, rule, read_timing(self.timing))
         condition = Condition(self.axis, self.severity)
         return Episode(self.policy, self.policy_digest, self.task, self.seed, protocol, condition)
 
@@ -169,6 +183,7 @@ class EpisodeResult:
             render_profile=str(view.render_profile),
             protocol=None if protocol.name is ProtocolName.ROBOGAUNTLET else str(protocol.name),
             success_rule=None if protocol.success is None else str(protocol.success),
+            timing=None if protocol.timing is None else str(protocol.timing),
             **outcome,
         )
 
@@ -205,6 +220,10 @@ OUTCOME, TELEMETRY = FIELDS[:_LAST_OUTCOME], FIELDS[_LAST_OUTCOME:]
 """Fields that are the same wherever the episode is run, and fields that differ from run to run."""
 BEHAVIOUR = FIELDS[FIELDS.index("path_length") : FIELDS.index("error")]
 """The part of `OUTCOME` that says how the robot moved and failed. None in rows of errors."""
+WAITING = ("held_steps", "stale_steps", "observation_age", "chunk_share")
+"""What the robot did while answers took time. None where the simulation waits for them."""
+LATER = ("protocol", "success_rule", "timing", *WAITING)
+"""Fields that are younger than the hashes of published rows."""
 CELL = ("policy_digest", "task", "axis", "severity")
 """Fields that identify a cell of a run. The digest, not the name: a renamed policy keeps its episodes."""
 
@@ -225,11 +244,11 @@ _REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if ki
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
     """Return the values of the `OUTCOME` fields, in order. Zeros lose their sign, as in databases.
 
-    Without `BEHAVIOUR` if none was measured, and without `protocol` and `success_rule` if they are empty, as the
-    published hashes are computed.
+    Without `BEHAVIOUR` if none was measured, and without `LATER` fields that are empty, as the published hashes are
+    computed.
     """
     measured = any(getattr(result, name) is not None for name in BEHAVIOUR)
-    empty = (name for name in ("protocol", "success_rule") if not getattr(result, name))
+    empty = (name for name in LATER if getattr(result, name) in (None, ""))
     left_out = {*(() if measured else BEHAVIOUR), *empty}
     values = [(name, getattr(result, name)) for name in OUTCOME if name not in left_out]
     return tuple(value + 0.0 if name in _REAL and value is not None else value for name, value in values)

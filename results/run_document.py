@@ -10,6 +10,7 @@ from urllib.parse import quote
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, field_validator
 
 from robogauntlet.suites.episode import Condition, RenderProfile, SuccessRule
+from robogauntlet.suites.ranges import StatedTiming
 from robogauntlet.suites.schema import Suite
 from robogauntlet.support.files import RefusedFile, read_regular, write_whole
 
@@ -150,6 +151,7 @@ class RunArguments(_Model):
     tasks: tuple[Text, ...] = ()
     seeds: Count | None = None
     success: SuccessRule | None = None
+    timing: StatedTiming = None
     image_size: Count | None = None
     replan_every: Count | None = None
     render_profile: RenderProfile | None = None

@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from robogauntlet.suites.axis import Axis, Changes
 from robogauntlet.suites.episode import CONTROLS, Condition
+from robogauntlet.suites.timing import TimingMode
 
 SEVERITIES = 5
 VARIANT_NAME = "variant-name"
@@ -203,6 +204,32 @@ _ALL = (
         incomparable="it is a number of control steps, which are 50 ms long, 40 in PyBullet, 67 by robosuite's joints",
         references="latencies of large policies served over a network",
     ),
+    *(
+        Axis(
+            name=name,
+            changes=Changes.ACTIONS,
+            unit="ms",
+            levels=(50.0, 100.0, 200.0, 400.0, 800.0),
+            tolerance=25.0,
+            summary="Every answer of the policy takes this much longer in simulated time: the nearest number of "
+            f"control steps (half a step rounded up). {meanwhile}",
+            incomparable="it is a number of control steps, which differ in length between simulators",
+            references="30 to 800 ms for models of 0.1 to 7 billion parameters (2506.07339, 2406.09246)",
+        )
+        for name, meanwhile in (
+            ("latency", "Meanwhile the robot holds, and then executes the answer from its beginning."),
+            (
+                "latency-continue",
+                "Meanwhile the robot executes the rest of the last answer, and then the new one from the action that "
+                "is due.",
+            ),
+            (
+                "latency-blend",
+                "As `latency-continue`, with the average of both answers where both have an action, of which the new "
+                "one's share grows.",
+            ),
+        )
+    ),
     Axis(
         name="instruction",
         changes=Changes.INSTRUCTION,
@@ -263,9 +290,24 @@ _ALL = (
 AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
 """All axes by name, the controls last."""
 
+LATENCY: Mapping[str, TimingMode] = MappingProxyType(
+    {
+        "latency": TimingMode.HOLD,
+        "latency-continue": TimingMode.CONTINUE,
+        "latency-blend": TimingMode.BLEND,
+    }
+)
+"""Axes of answer times, with what the robot does meanwhile."""
 
 _ONE_CAMERA = "both move the third-person camera, so neither value would be the delivered one"
-EXCLUSIVE = (("camera-bump", "camera-orbit", _ONE_CAMERA), ("camera-bump", "camera-distance", _ONE_CAMERA))
+_ONE_WAIT = "the robot waits for an answer in one way"
+EXCLUSIVE = (
+    ("camera-bump", "camera-orbit", _ONE_CAMERA),
+    ("camera-bump", "camera-distance", _ONE_CAMERA),
+    ("latency", "latency-continue", _ONE_WAIT),
+    ("latency", "latency-blend", _ONE_WAIT),
+    ("latency-continue", "latency-blend", _ONE_WAIT),
+)
 """Pairs of axes that do not combine, with the reason. Controls combine with nothing."""
 
 

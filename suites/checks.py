@@ -6,8 +6,17 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 
-from robogauntlet.suites.axes import AXES, why_exclusive
-from robogauntlet.suites.episode import AT, CAMERAS, CLEAN, CONTROLS, FIRST_TRAINING_SEED, Condition, ProtocolName
+from robogauntlet.suites.axes import AXES, LATENCY, why_exclusive
+from robogauntlet.suites.episode import (
+    AT,
+    CAMERAS,
+    CLEAN,
+    CONTROLS,
+    FIRST_TRAINING_SEED,
+    Condition,
+    Perturbation,
+    ProtocolName,
+)
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.ranges import MAX_CELLS, MAX_COUNT, MAX_PATTERNS
 from robogauntlet.suites.registry import Registry
@@ -44,6 +53,7 @@ def check_names(suite: Suite, names: Registry) -> list[Mistake]:
         _check_design(suite, names),
         _check_cameras(suite),
         _check_protocol(suite, tasks),
+        _check_timing(suite),
         _check_simulators(suite, names),
         _check_programs(suite, names),
         _check_roles(suite),
@@ -137,6 +147,23 @@ def _check_protocol(suite: Suite, tasks: Sequence[str]) -> Iterator[Mistake]:
             if task.partition("/")[0] not in LIBERO:
                 yield ("protocol",), f"expected openvla with tasks of LIBERO only, got {task}; leave it out"
                 return
+
+
+def _check_timing(suite: Suite) -> Iterator[Mistake]:
+    if suite.timing is None:
+        return
+    axes = dict.fromkeys(part.axis for one in suite.all_conditions() for part in _parts(one) if part.axis in LATENCY)
+    for axis in axes:
+        if LATENCY[axis] is not suite.timing.mode:
+            yield ("timing",), f"expected {LATENCY[axis]}, as the axis '{axis}' has it, got {suite.timing.mode}"
+
+
+def _parts(condition: Condition) -> tuple[Perturbation, ...]:
+    """What is perturbed; nothing if that is spelled wrongly, of which `_check_conditions` tells."""
+    try:
+        return condition.perturbations
+    except ValueError:
+        return ()
 
 
 def _unknown_task(pattern: str, names: Registry) -> str:

@@ -10,6 +10,8 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
+from robogauntlet.suites.timing import Timing
+
 CLEAN = "clean"
 CONTROLS = ("blind", "blank-instruction", "wrong-goal", "variant-name", "resampled", "again")
 """Control conditions, which have one severity."""
@@ -164,6 +166,8 @@ class Protocol:
     name: ProtocolName = ProtocolName.ROBOGAUNTLET
     success: SuccessRule | None = None
     """Another rule than the protocol's own, or None."""
+    timing: Timing | None = None
+    """How long answers take and what the robot does meanwhile; None: the simulation waits for them."""
 
     def __post_init__(self) -> None:
         """Give protocols with the same rules one spelling."""
@@ -188,14 +192,18 @@ class Protocol:
     def described(self) -> dict[str, Any]:
         """Return the fields.
 
-        Those of RoboGauntlet's own protocol and of a protocol's own rule are left out, as ids and datasets are older
-        than names of protocols and of rules.
+        Those of RoboGauntlet's own protocol, of a protocol's own rule and of a simulation that waits are left out, as
+        ids and datasets are older than names of protocols, rules and timing.
         """
         fields = _fields(self) | {"view": _fields(self.view)}
         if self.name is ProtocolName.ROBOGAUNTLET:
             del fields["name"]
         if self.success is None:
             del fields["success"]
+        if self.timing is None:
+            del fields["timing"]
+        else:
+            fields["timing"] = str(self.timing)
         return fields
 
 

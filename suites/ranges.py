@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field, PlainSerializer
+
+from robogauntlet.suites.timing import Timing, read_timing
 
 MAX_COUNT = 1_000_000_000
 """Largest whole number that is accepted anywhere; smaller where more makes no sense."""
@@ -38,3 +40,5 @@ SeedNumber = Annotated[int, Field(strict=True, ge=1, le=MAX_SEEDS)]
 FirstSeed = Annotated[int, Field(strict=True, ge=0, le=MAX_FIRST_SEED)]
 Text = Annotated[str, Field(max_length=MAX_TEXT)]
 ImageSize = Annotated[int, Field(strict=True, ge=SMALLEST_IMAGE, le=LARGEST_IMAGE)]
+StatedTiming = Annotated[Timing | None, BeforeValidator(read_timing), PlainSerializer(lambda it: it and str(it))]
+"""A text or a mapping, see `read_timing`."""

@@ -44,6 +44,7 @@ from robogauntlet.suites.ranges import (
     FirstSeed,
     ImageSize,
     SeedNumber,
+    StatedTiming,
     Steps,
     Text,
     Workers,
@@ -235,6 +236,9 @@ class Suite(_Model):
     """`openvla`: the common protocol of LIBERO, for its tasks."""
     success: SuccessRule | None = None
     """When an episode is a success; by default as the protocol says: held, under openvla once."""
+    timing: StatedTiming = None
+    """How long answers take in simulated time and what the robot does meanwhile, such as `continue:80ms`, see
+    `read_timing`. By default the simulation waits for them."""
     replan_every: Steps = 8
     """Steps of an action chunk executed before the policy is queried again."""
     cameras: tuple[Text, ...] = Field(default=CAMERAS, min_length=1)
@@ -310,7 +314,8 @@ class Suite(_Model):
 
     def protocol_with(self, horizon: int) -> Protocol:
         """The rules of an episode of a task with this horizon, if the suite states no other."""
-        return Protocol(self.horizon or horizon, self.replan_every, self.view, self.protocol, self.success)
+        rules = self.protocol, self.success, self.timing
+        return Protocol(self.horizon or horizon, self.replan_every, self.view, *rules)
 
     @property
     def success_rule(self) -> SuccessRule:

@@ -11,7 +11,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import CompareEntry, MergingEntry, PolicyEntry, Seeds, Suite
 
 REPLACING = ("success", "workers")
-SETTINGS = ("success", "image_size", "replan_every", "render_profile", "workers")
+SETTINGS = ("success", "image_size", "replan_every", "render_profile", "workers", "timing")
 """Keys of a suite that the command line can give too; it replaces those of `REPLACING`, the others must not differ."""
 
 
@@ -80,7 +80,7 @@ class SuiteSelection:
 
 def option_of(setting: str) -> str:
     """Return the option of a setting on the command line."""
-    return f"--{setting.replace('_', '-')}"
+    return "--latency" if setting == "timing" else f"--{setting.replace('_', '-')}"
 
 
 def _within(sides: MergingEntry | CompareEntry | None, names: set[str]) -> bool:

@@ -27,6 +27,7 @@ from robogauntlet.suites.episode import RenderProfile, SuccessRule
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.ranges import LARGEST_IMAGE, MAX_SEEDS, MAX_STEPS, MAX_WORKERS, SMALLEST_IMAGE
 from robogauntlet.suites.selection import SETTINGS, SelectionError
+from robogauntlet.suites.timing import read_timing
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.interrupts import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from robogauntlet.support.text import visible
@@ -104,6 +105,15 @@ WorkersSetting = Annotated[
     str | None,
     typer.Option("--workers", metavar="N|auto", help="Worker processes of each simulator, whatever the suite states."),
 ]
+Latency = Annotated[
+    str | None,
+    typer.Option(
+        "--latency",
+        metavar="[MODE:]MS",
+        help="How long answers take in simulated time, if the suite does not state it: 80ms, or 80-140ms (median and "
+        "95th percentile). Meanwhile the robot does what MODE says: hold, continue or blend.",
+    ),
+]
 PolicyOptions = Annotated[
     list[str] | None,
     typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable."),
@@ -140,12 +150,17 @@ def suite_settings(
     replan_every: int | None,
     render_profile: RenderProfile | None,
     workers: str | None,
+    latency: str | None,
 ) -> dict[str, Any]:
-    """Return what is given of `SETTINGS`, as in a suite. Raises BadInput if `workers` is no number and not `auto`."""
+    """Return what is given of `SETTINGS`, as in a suite. Raises BadInput if `workers` or `latency` is none."""
     count: int | str | None = int(workers) if workers is not None and workers.isdecimal() else workers
     if (isinstance(count, int) and not 1 <= count <= MAX_WORKERS) or (isinstance(count, str) and count != "auto"):
         raise BadInput(f"--workers: expected auto, or a number from 1 to {MAX_WORKERS}, got '{workers}'")
-    given = dict(zip(SETTINGS, (success, image_size, replan_every, render_profile, count), strict=True))
+    try:
+        timing = read_timing(latency)
+    except ValueError as error:
+        raise BadInput(f"--latency: {error}") from None
+    given = dict(zip(SETTINGS, (success, image_size, replan_every, render_profile, count, timing), strict=True))
     return {name: value for name, value in given.items() if value is not None}
 
 

@@ -14,6 +14,7 @@ from robogauntlet.orchestrator.cli.common import (
     EXIT_BAD_INPUT,
     AsJson,
     ImageSizeSetting,
+    Latency,
     Policies,
     PolicyOptions,
     RenderProfileSetting,
@@ -80,6 +81,7 @@ def plan(
     replan_every: ReplanEvery = None,
     render_profile: RenderProfileSetting = None,
     workers: WorkersSetting = None,
+    latency: Latency = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Folder of a run of the suite: show the episodes that it lacks.")
     ] = None,
@@ -99,7 +101,7 @@ def plan(
     of a run (--out) or from an assumption.
     """
     asked = Asked.from_options(width, detect, rate, discordance)
-    settings = suite_settings(success, image_size, replan_every, render_profile, workers)
+    settings = suite_settings(success, image_size, replan_every, render_profile, workers, latency)
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()), settings)
     if check:
         refuse("--check", {"--out": out_folder, "--store": store, "--width": width, "--detect": detect})

@@ -13,6 +13,7 @@ from robogauntlet.adapters.catalog import simulators
 from robogauntlet.orchestrator.cli.common import (
     HistoryUrl,
     ImageSizeSetting,
+    Latency,
     Policies,
     PolicyOptions,
     RenderProfileSetting,
@@ -61,6 +62,7 @@ def run(
     replan_every: ReplanEvery = None,
     render_profile: RenderProfileSetting = None,
     workers: WorkersSetting = None,
+    latency: Latency = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Run folder; a run of the same suite that is in it is continued.")
     ] = None,
@@ -109,7 +111,7 @@ def run(
     required = tuple(require or ())
     tracking = None if tracker is None else open_tracker(tracker, project, print_line)
     policy_options, part = read_options(option or ()), SuiteSelection()
-    settings = suite_settings(success, image_size, replan_every, render_profile, workers)
+    settings = suite_settings(success, image_size, replan_every, render_profile, workers, latency)
     if suite is not None and _is_task(suite):
         task, suite = [suite, *(task or ())], None
     if suite is None:

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.catalog import goal_of
-from robogauntlet.adapters.contract import AdapterError, Delivered, Measured, Simulation
+from robogauntlet.adapters.contract import AdapterError, Delivered, FloatArray, Measured, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
-from robogauntlet.adapters.motion import standing_still
+from robogauntlet.adapters.motion import holding, standing_still
 from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter
+from robogauntlet.orchestrator.episodes.timeline import Timeline
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation, ReferenceImages
 from robogauntlet.policies.contract import (
@@ -67,8 +68,9 @@ def rollout(
     """Play one episode.
 
     The policy is queried when its chunk is used up or `replan_every` steps of it are executed; images are rendered only
-    then. The episode succeeds and ends when the task's success predicate has held for as many steps in a row as the
-    protocol says; it fails at the horizon.
+    then. While an answer takes simulated time, the robot does what the protocol's timing says, see `Timeline`. The
+    episode succeeds and ends when the task's success predicate has held for as many steps in a row as the protocol
+    says; it fails at the horizon.
 
     Args:
         simulation: The episode's task, open.
@@ -104,7 +106,9 @@ def rollout(
     spec, protocol = simulation.action_spec, episode.protocol
     low, high = spec.low, spec.high
     ignored, numbers = spec.ignored_indices, len(low)
+    timeline = Timeline(episode, spec)
 
+    last: FloatArray | None = None
     actions = hashlib.sha256()
     routing: Routing | None = None
     answer_times: list[float] = []
@@ -124,12 +128,17 @@ def rollout(
         answer_times.append(clock() - asked)
         if routing is None and decision.routing is not None:
             routing = check_routing(decision.routing)
-        chunk = chunk[: min(protocol.replan_every, protocol.horizon - steps)]
         chunk[:, ignored] = 0.0
-        fitting = np.clip(chunk, low, high)
-        beyond = (np.abs(fitting - chunk) > 1e-9).any(axis=1).tolist()
-        quantised = (np.round(fitting / STATE_QUANTUM) + 0.0).astype("<f8")
-        for action, row, too_far in zip(fitting, quantised, beyond, strict=True):
+        segment, before = timeline.segment(chunk), steps
+        planned = segment.actions[: protocol.horizon - steps]
+        fitting = np.clip(planned, low, high)
+        beyond = (np.abs(fitting - planned) > 1e-9).any(axis=1).tolist()
+        quantised = _quantised(fitting)
+        for action, row, too_far, held_still in zip(fitting, quantised, beyond, segment.held, strict=False):
+            if held_still:
+                action[:] = np.clip(holding(simulation, last), low, high)
+                row[:], too_far = _quantised(action), False
+            last = action
             actions.update(row.data)
             clipped += too_far
             with timed("physics_s"):
@@ -147,6 +156,7 @@ def rollout(
             if eager:
                 with timed("render_s"):
                     clean_simulation.observe()
+        timeline.count(segment, steps - before)
     policy.finish([episode])
     delivered = simulation.delivered() if isinstance(simulation, Measured) else Delivered(None)
     if not math.isfinite(reward):
@@ -161,6 +171,7 @@ def rollout(
         queries=len(answer_times),
         **_query_times(answer_times),
         clipped_steps=clipped,
+        **timeline.columns(),
         reward_sum=round(reward, 6),
         state_hash=state_hash,
         final_state_hash=simulation.state_hash(),
@@ -173,6 +184,11 @@ def rollout(
         wall_s=clock() - began,
         **seconds,
     )
+
+
+def _quantised(actions: FloatArray) -> FloatArray:
+    """Actions as their hash takes them."""
+    return (np.round(actions / STATE_QUANTUM) + 0.0).astype("<f8")
 
 
 def routing_fields(routing: Routing) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from robogauntlet.adapters.contract import Simulation, UnsupportedCondition
-from robogauntlet.orchestrator.perturbations.actions import ActionDelay, ActionNoise
+from robogauntlet.orchestrator.perturbations.actions import ActionDelay, ActionNoise, AnswerLatency
 from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages, Unperturbed
 from robogauntlet.orchestrator.perturbations.cameras import CameraBump, CameraDistance, CameraOrbit, FieldOfView
 from robogauntlet.orchestrator.perturbations.combination import Combination
@@ -15,7 +15,7 @@ from robogauntlet.orchestrator.perturbations.instructions import BlankInstructio
 from robogauntlet.orchestrator.perturbations.lights import ColourTemperature, Illuminance, LightDirection
 from robogauntlet.orchestrator.perturbations.physics import Dynamics, ObjectPosition, Resampled, RobotStart
 from robogauntlet.orchestrator.perturbations.table_and_distractors import Distractors, Table
-from robogauntlet.suites.axes import axes_of
+from robogauntlet.suites.axes import LATENCY, axes_of
 from robogauntlet.suites.episode import Condition, Episode, Perturbation
 
 _PERTURBED: Mapping[str, type[Perturbed]] = {
@@ -36,6 +36,7 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
     "frozen-frames": FrozenFrames,
     "action-noise": ActionNoise,
     "action-delay": ActionDelay,
+    **dict.fromkeys(LATENCY, AnswerLatency),
     "instruction": Instruction,
     "blind": Blind,
     "blank-instruction": BlankInstruction,

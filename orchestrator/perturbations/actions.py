@@ -117,6 +117,15 @@ class ActionDelay(PerturbedActions):
         return Delivered(self._checked(step * len(self._delayed), step))
 
 
+class AnswerLatency(Perturbed):
+    """Answers that take longer, which `episodes.timeline` plays; here it is measured."""
+
+    def delivered(self) -> Delivered:
+        """The additional latency in whole control steps."""
+        step = 1000 / self.action_spec.control_hz
+        return Delivered(self._checked(step * delay_steps(self.level, self.action_spec.control_hz, least=0), step))
+
+
 def delay_steps(delay_ms: float, control_hz: float, least: int = 1) -> int:
     """The delay in control steps, the nearest number (of two, the larger), at least `least`."""
     return max(least, math.floor(delay_ms / 1000 * control_hz + 0.5))

@@ -20,6 +20,7 @@ from robogauntlet.suites.episode import CAMERAS, CLEAN
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.registry import stored_states
 from robogauntlet.suites.schema import MAX_NAME, PolicyEntry, expand_tasks, valid_name
+from robogauntlet.suites.timing import Timing
 from robogauntlet.support.errors import BadInput
 
 SUITE_FILE = "suite.yaml"
@@ -85,7 +86,9 @@ def compose_plan(
             f"{', '.join(sorted(clash))}: expected further keys of a suite, got one that other arguments give"
         )
     suite |= {"cameras": list(shared)} if (shared := _shared_cameras(tasks)) not in ((), CAMERAS) else {}
-    suite |= {name: str(value) if isinstance(value, StrEnum) else value for name, value in (settings or {}).items()}
+    suite |= {
+        name: str(value) if isinstance(value, StrEnum | Timing) else value for name, value in (settings or {}).items()
+    }
     folder = folder or new_run_folder(name)
     try:
         text = yaml.safe_dump(suite, sort_keys=False, allow_unicode=True)

@@ -32,10 +32,11 @@ from robogauntlet.results.statistics.worst_case import (
     search_worst_cases,
 )
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.suites.axes import AXES, why_exclusive
+from robogauntlet.suites.axes import AXES, LATENCY, why_exclusive
 from robogauntlet.suites.episode import CONTROLS, Condition, Perturbation, SuccessRule
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, valid_name
+from robogauntlet.suites.timing import TimingMode
 from robogauntlet.support.errors import BadInput, UserError, describe_os_error
 from robogauntlet.support.files import read_regular, write_whole
 from robogauntlet.support.json_text import parse_json
@@ -45,6 +46,8 @@ SEARCH_FILE = "search.json"
 """The arguments of a search in its folder, and at the end what it found."""
 SCALED = tuple(name for name in AXES if name not in CONTROLS)
 """Axes that have severities."""
+BY_DEFAULT = tuple(name for name in SCALED if LATENCY.get(name) in (None, TimingMode.HOLD))
+"""Those that are searched if none is named: of the axes of latency, that in which the robot holds."""
 
 
 class SearchStopped(UserError):
@@ -125,7 +128,7 @@ def plan_search(request: SearchRequest) -> list[TaskSearch]:
 
 
 def _task_search(task: str, named: Sequence[str], budget: int) -> TaskSearch:
-    reasons = {name: why_impossible(Condition(name, 1), task) for name in named or SCALED}
+    reasons = {name: why_impossible(Condition(name, 1), task) for name in named or BY_DEFAULT}
     skipped = {name: reason for name, reason in reasons.items() if reason}
     if named and skipped:
         raise BadInput("\n".join(f"--axis {name}: {task} cannot have it: {reason}" for name, reason in skipped.items()))

@@ -36,7 +36,7 @@ COLUMNS = (
     *BEHAVIOUR,
 )
 """Fields of the record that a comparison of runs needs."""
-SETTINGS = ("protocol", "success_rule", "horizon", "replan_every", "cameras", "image_size", "render_profile")
+SETTINGS = ("protocol", "success_rule", "timing", "horizon", "replan_every", "cameras", "image_size", "render_profile")
 """Properties of a suite that all its episodes have: of runs that share no episode, those that differ are named."""
 
 

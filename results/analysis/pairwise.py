@@ -57,9 +57,9 @@ from robogauntlet.suites.plugins import did_you_mean
 if TYPE_CHECKING:
     import pandas as pd
 
-PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile", "protocol", "success_rule")
+PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile", "protocol", "success_rule", "timing")
 """Fields of the record that have the protocol of an episode."""
-OWN = {"protocol": "robogauntlet", "success_rule": "the protocol's own"}
+OWN = {"protocol": "robogauntlet", "success_rule": "the protocol's own", "timing": "waits"}
 """What an empty field stands for."""
 COLUMNS = (*comparison.COLUMNS, "axis", "severity", *PROTOCOL)
 """Fields of the record that a comparison of policies needs."""

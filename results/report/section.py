@@ -45,6 +45,7 @@ BEFORE = (
     "behaviour",
     "pairwise",
     "robustness",
+    "latency",
     "benchmark",
     "routing",
 )

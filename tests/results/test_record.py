@@ -10,6 +10,7 @@ from hypothesis import given, strategies as st
 from robogauntlet.results.record import (
     BEHAVIOUR,
     FIELDS,
+    LATER,
     OUTCOME,
     TELEMETRY,
     EpisodeResult,
@@ -46,8 +47,7 @@ def test_fields_are_outcome_or_telemetry_and_only_some_may_be_none():
         *routing,
         *answers,
         *BEHAVIOUR,
-        "protocol",
-        "success_rule",
+        *LATER,
         "delivered",
         "delivered_statistics",
         "error",
@@ -117,7 +117,7 @@ def test_the_hash_of_rows_leaves_out_a_behaviour_that_was_not_measured():
 def test_a_row_with_any_measured_behaviour_is_hashed_with_all_of_it(name):
     value = {str: "dropped", int: 0, float: -0.0}[describe_fields()[name][0]]
     found = outcome_row(dataclasses.replace(ROW, **{name: value}))
-    hashed = [field for field in OUTCOME if field not in ("protocol", "success_rule")]
+    hashed = [field for field in OUTCOME if field not in LATER]
     assert len(found) == len(outcome_row(ROW)) + len(BEHAVIOUR) == len(hashed)
     assert str(found[hashed.index(name)]) in ("dropped", "0", "0.0")
 

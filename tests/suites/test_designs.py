@@ -9,7 +9,7 @@ from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.designs import DesignEntry, latin_hypercube, sobol_rows
 from robogauntlet.suites.episode import CONTROLS, content_hash
 
-SCALES = sorted(set(AXES) - set(CONTROLS) - {"camera-bump"})
+SCALES = sorted(set(AXES) - set(CONTROLS) - {"camera-bump", "latency-continue", "latency-blend"})
 
 
 def test_one_at_a_time_plans_each_axis_at_each_severity():

@@ -18,7 +18,7 @@ from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import Scene
 
 SCALES = [name for name in AXES if name not in CONTROLS]
-ALL = [name for name in SCALES if name != "camera-bump"]
+ALL = [name for name in SCALES if name not in ("camera-bump", "latency-continue", "latency-blend")]
 """The most that combine."""
 
 

@@ -140,9 +140,9 @@ def test_the_shape_of_the_summary_is_stable():
     schema = summary_model().model_json_schema()
     assert " ".join(sorted(schema["properties"])) == (
         "answers behaviour benchmark cells combinations confidence elapsed_s episodes_per_hour error_messages errors "
-        "failures findings finished_at format merging not_run pairwise policies policy_digests provenance reason "
-        "render_devices robots robustness routing rows_hash run_id shared_workers simulators skipped started_at status "
-        "success_rule suite_hash suite_name timing total workers"
+        "failures findings finished_at format latency merging not_run pairwise policies policy_digests provenance "
+        "reason render_devices robots robustness routing rows_hash run_id shared_workers simulators skipped "
+        "started_at status success_rule suite_hash suite_name timing total workers"
     )
     assert " ".join(sorted(schema["$defs"]["Tally"]["properties"])) == (
         "bounds done errors failures interval mean_seconds mean_steps missing planned rate success_once successes"
