@@ -24,8 +24,11 @@ from robogauntlet.orchestrator.cli.common import (
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.results import api
+from robogauntlet.results.analysis import latency_budget
 from robogauntlet.results.analysis.comparison import Difference, RunComparison, Verdict
 from robogauntlet.results.report.comparison import BEGINS, render, tables
+from robogauntlet.results.report.formatting import points
+from robogauntlet.results.report.sections.latency import DOING
 from robogauntlet.results.run_document import RunDocument, read_run, refuse_imported
 from robogauntlet.results.statistics.multiplicity import ALPHA
 from robogauntlet.results.store.foreign.trials import task_name
@@ -84,6 +87,15 @@ def compare(
             "--all", help="Compare the policies of a suite, by default that of the newest run, by their newest runs."
         ),
     ] = False,
+    latency: Annotated[
+        float | None,
+        typer.Option(
+            "--latency",
+            metavar="MS",
+            help="Check that each policy of the run keeps its success when answers take this much longer; the run has "
+            "an axis of latency at this level.",
+        ),
+    ] = None,
     accept: Annotated[
         bool, typer.Option("--accept", help="Make the run the baseline of later runs; nothing is compared.")
     ] = False,
@@ -134,9 +146,9 @@ def compare(
     the difference of each policy, and how well the first predicts the second.
     A path with a colon is a run folder if it exists; RUN/:POLICY and RUN/ are never mistaken.
 
-    Exit codes: 0 compared (no regression), 1 a regression, 2 not comparable.
+    Exit codes: 0 compared (no regression), 1 a regression, or success not kept under --latency, 2 not comparable.
     """
-    mode = _mode({"--gate": gate, "--all": everything, "--accept": accept})
+    mode = _mode({"--gate": gate, "--all": everything, "--accept": accept, "--latency": latency is not None})
     given = {"OTHER": other, "--policy": policy, "--allow": allow, "--margin": margin, "--out": file, "--store": store}
     given |= {"--task": task}
     if mode == "--accept":
@@ -149,6 +161,10 @@ def compare(
         return
     if imported:
         raise BadInput("--imported: expected with --all")
+    if latency is not None:
+        refuse(mode or "", {"OTHER": other, "--allow": allow, "--task": task, "--alpha": alpha, "--out": file})
+        _hold_to_budget(newest_run() if run is None else Path(run), latency, policy or [], margin, form, store)
+        return
     if file is not None:
         COMPARISON.check(file)
     options: dict[str, Any] = {"allowed": frozenset(allow or []), "alpha": alpha, "margin": margin}
@@ -261,6 +277,31 @@ def _with_baseline(
             f"that counts success {document.suite.success_rule}; name one: robogauntlet compare {run} BASELINE --gate"
         )
     return comparison
+
+
+def _hold_to_budget(
+    folder: Path, latency: float, only: list[str], margin: float | None, form: Format, store: str | None
+) -> None:
+    """Print how each policy does at a latency, in each mode that the run has; exit with 1 if one does not keep it."""
+    if form not in (Format.TEXT, Format.JSON):
+        raise BadInput(f"--format {form}: expected text or json with --latency")
+    run = api.open_run(folder, store)
+    _check_policies(folder, run.document, only)
+    rows = run.episodes(latency_budget.COLUMNS)
+    rows = rows[rows["policy"].isin(only)] if only else rows
+    if latency not in (played := latency_budget.latencies_in(rows)):
+        has = f"has {', '.join(f'{one:g}' for one in played)} ms" if played else "has no axis of latency"
+        raise BadInput(f"--latency: expected a latency that {folder} has played, it {has}; got {latency:g}")
+    margin = run.document.suite.regression.margin if margin is None else margin
+    found = list(latency_budget.within_budget(rows, latency, margin))
+    if form is Format.JSON:
+        print_json(found)
+    for one in found if form is Format.TEXT else ():
+        verdict = f"{'keeps' if one.is_kept else 'is not shown to keep'} its success within {100 * margin:g} points"
+        rates = f"{one.clean} of {one.trials} without latency, {one.late} with it, {points(one.change)} points"
+        print_line(f"{one.policy}, robot {DOING[one.mode]} for {latency:g} ms: {verdict} ({rates})")
+    if not all(one.is_kept for one in found):
+        raise typer.Exit(1)
 
 
 def _accept(run: str | None, url: str | None) -> None:

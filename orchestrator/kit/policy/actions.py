@@ -28,8 +28,11 @@ def answers(plays: Sequence[Play], replan_every: int) -> Iterator[Finding]:
     first, *later = [1000 * answer.seconds for play in plays for answer in play.answers]
     text, numbers = f"first answer {first:.1f} ms", {"first_ms": first}
     if later:
-        numbers |= {"median_ms": float(np.median(later)), "slowest_ms": max(later)}
-        text += f", later ones {numbers['median_ms']:.1f} ms (median of {len(later)}), slowest {max(later):.1f} ms"
+        median, p95 = (float(value) for value in np.percentile(later, [50, 95]))
+        numbers |= {"median_ms": median, "p95_ms": p95, "slowest_ms": max(later)}
+        text += f", later ones {median:.1f} ms (median of {len(later)}), slowest {max(later):.1f} ms"
+        if 1 <= round(median) < round(p95):
+            text += f"; modelled by run --latency {median:.0f}-{p95:.0f}ms"
     yield Finding("latency", Level.NOTE, text, numbers)
 
 
