@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 16_067,
     "suites": 3_034,
     "src/robogauntlet": 969,
-    "tests": 53_250,
+    "tests": 53_269,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

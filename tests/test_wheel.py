@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -19,6 +20,9 @@ from packaging.version import Version
 
 from tests import ROOT
 from tests.hosted_actions import HostedRunner, write_program
+from tests.orchestrator.conftest import ray_here, room_for_one
+
+__all__ = ["ray_here", "room_for_one"]
 
 HELP = """
 import sys
@@ -250,28 +254,45 @@ def test_the_program_has_neither_torch_nor_mergevla(program, tmp_path):
     assert "policy 'mergevla-merged' is not installed" in refused.stderr
 
 
-@pytest.mark.slow
-@pytest.mark.simulator
-@pytest.mark.ray
-@pytest.mark.parametrize("place", ["here", pytest.param("a new environment", marks=pytest.mark.nightly)])
-def test_the_quick_start_is_followed_word_by_word(place, request, tmp_path):
-    program = request.getfixturevalue("program") if place != "here" else Path(sys.executable).with_name("robogauntlet")
+def follow_quick_start(folder, run_program, run_python):
+    """Do what README's section says, and check what it prints."""
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     section = page.partition("\n## Quick start\n")[2].partition("\n## ")[0]
     printed = ""
     for language, text in re.findall(r"^```(\w*)\n(.*?)^```$", section, re.MULTILINE | re.DOTALL):
         if language == "yaml":
-            (tmp_path / text.split()[1]).write_text(text)
+            (folder / text.split()[1]).write_text(text)
         elif language == "python":
-            (tmp_path / "quick.py").write_text(text)
-            printed += run(program.with_name("python"), "quick.py", cwd=tmp_path)
+            (folder / "quick.py").write_text(text)
+            printed += run_python("quick.py")
         for line in text.splitlines() if not language else ():
             if "robogauntlet" in (words := shlex.split(line.removeprefix("$ ")))[:1]:
-                printed += run(program, *words[1:], cwd=tmp_path)
+                printed += run_program(*words[1:])
     for number in (10, 40):
         assert f"{number} of {number} episodes" in printed
     assert re.search(r"act pybullet/PandaReach-v3\s+clean\s+0\.90", printed)
-    assert (tmp_path / "runs" / "first" / "report.html").is_file()
+    assert (folder / "runs" / "first" / "report.html").is_file()
+
+
+@pytest.mark.simulator
+@pytest.mark.ray
+@pytest.mark.usefixtures("ray_here", "room_for_one")
+def test_the_quick_start_is_followed_word_by_word(run_command, tmp_path, capsys):
+    def run_python(name):
+        capsys.readouterr()
+        runpy.run_path(name, run_name="__main__")
+        return capsys.readouterr().out
+
+    follow_quick_start(tmp_path, lambda *words: run_command(*words).out, run_python)
+
+
+@pytest.mark.nightly
+@pytest.mark.simulator
+def test_the_quick_start_is_followed_in_a_new_environment(program, tmp_path):
+    python = program.with_name("python")
+    follow_quick_start(
+        tmp_path, lambda *words: run(program, *words, cwd=tmp_path), lambda name: run(python, name, cwd=tmp_path)
+    )
 
 
 @pytest.mark.nightly

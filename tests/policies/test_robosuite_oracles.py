@@ -6,12 +6,17 @@ import pytest
 from robogauntlet.adapters.robosuite import SIMULATOR
 from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
 from robogauntlet.policies.oracles import scripts
+from tests.jobs import mostly_nightly
 from tests.policies.playing import steps_to_success
 
 pytestmark = pytest.mark.simulator
 
 
-@pytest.mark.parametrize("task", sorted(set(WITH_PANDA) - {"PickPlace"}))
+# `NutAssembly` has both nuts, the test below it all objects of `PickPlace`, and the adapter's test wipes.
+NOW = ["Lift", "Stack", "Door", "NutAssembly", "PickPlaceCan"]
+
+
+@pytest.mark.parametrize("task", mostly_nightly(sorted(set(WITH_PANDA) - {"PickPlace"}), NOW))
 @pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2, 3], marks=pytest.mark.nightly)], ids=str)
 def test_the_oracle_succeeds_within_the_horizon(task, seeds):
     assert None not in steps_to_success(SIMULATOR, task, seeds, noises=(0.0, 0.1))

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 import torch
 from tokenizers import Tokenizer, models, pre_tokenizers
-from transformers import PreTrainedTokenizerFast
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet_mergevla.network.backbone import Backbone, Pretrained, load_pretrained
@@ -89,6 +88,8 @@ def test_a_chat_prompt_asks_for_the_action_by_the_tokenizers_own_template(tmp_pa
     words = ["<unk>", "<s>", "system", "user", "what", "action", "push", "the", "cube", "?", "to", "take", "robot"]
     plain = Tokenizer(models.WordLevel({word: i for i, word in enumerate(words)}, unk_token="<unk>"))
     plain.pre_tokenizer = pre_tokenizers.Split(" ", "removed")
+    from transformers import PreTrainedTokenizerFast  # seconds that each process of the tests would spend
+
     saved = PreTrainedTokenizerFast(tokenizer_object=plain, unk_token="<unk>")
     saved.chat_template = TEMPLATE
     saved.save_pretrained(tmp_path)

@@ -146,6 +146,7 @@ def test_a_checkpoint_that_cannot_act_stops_the_search(run_command, tmp_path, st
     assert "stopped: run: python:steps:Step1: 10 episodes ended in an error, none was played" in done.err
 
 
+@pytest.mark.nightly
 @pytest.mark.ray
 def test_python_returns_the_result_and_plays_nothing_else(whole):
     steps, found, folder = whole

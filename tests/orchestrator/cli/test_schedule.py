@@ -29,15 +29,6 @@ def test_schedules_are_listed_with_their_next_time(run_command, write):
     assert re.search(r"20\d\d-\d\d-\d\d 0[01]:15 UTC", shown)
 
 
-@pytest.mark.ray
-@pytest.mark.usefixtures("ray_here")
-def test_run_plays_checks_and_records_a_run(run_command, write):
-    result = run_command("schedule", "run", "nightly")
-    assert result.code == 0, result.err
-    assert "nightly: 100 % [57, 100], 5 episodes; the first of its suite" in result.out
-    assert "nulls" in run_command("list", "runs").out
-
-
 @pytest.mark.parametrize(("is_good", "code"), [(True, 0), (False, 1)])
 def test_run_ends_with_the_code_of_the_outcome(run_command, write, monkeypatch, is_good, code):
     monkeypatch.setattr(Runner, "play", lambda self, schedule: Outcome("so", "run-1", is_good))

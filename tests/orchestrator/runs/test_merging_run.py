@@ -1,4 +1,4 @@
-"""The shipped experts and merged models in two real simulators; the report shows the cost of merging and routing."""
+"""The shipped experts and merged models in a real simulator; the report shows the cost of merging and routing."""
 
 import json
 
@@ -9,7 +9,7 @@ from robogauntlet.suites.selection import SuiteSelection
 from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
-TASKS = ("pybullet/PandaReach-v3", "robosuite/Lift")
+TASKS = ("pybullet/PandaReach-v3", "pybullet/PandaPush-v3")
 
 
 @pytest.fixture(scope="module")
