@@ -26,7 +26,7 @@ _schedules = sa.Table(
     sa.Column("outcome", sa.Text, nullable=False),
     sa.Column("run_id", sa.Text),
 )
-SCHEMA = Schema(metadata, _version, 1, "schedule store")
+SCHEMA = Schema(metadata, _version, 1, "schedule store", 1)
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,8 @@ class Schema:
     version: int
     what: str
     """Name of such a database in messages: "store"."""
+    oldest: int
+    """The first version that lacks no more than columns that may be empty, which are added."""
 
 
 class Database:
@@ -125,7 +127,7 @@ class Database:
     def _version(self, connection: sa.Connection, schema: Schema) -> int | None:
         """The version of the schema's tables, None if their creation was cut short. Raises StoreError for others."""
         version = connection.scalar(sa.select(sa.func.max(schema.version_table.c.version)))
-        if version in (None, schema.version):
+        if version is None or schema.oldest <= version <= schema.version:
             return version
         raise StoreError(
             f"{self.where}: expected a {schema.what} of version {schema.version}, got version {version}; "
@@ -133,13 +135,18 @@ class Database:
         )
 
     def _complete(self, connection: sa.Connection, schema: Schema) -> None:
-        """Create missing tables and indexes, and write the version, all in the connection's transaction."""
+        """Create missing tables, columns and indexes, and write the version, all in the connection's transaction."""
         marker = schema.version_table
         self._wait_for_others(connection, marker.name)
         connection.execute(sa.schema.CreateTable(marker, if_not_exists=True))
         self._version(connection, schema)  # Another process may have created it meanwhile, in another version too.
         for table in schema.metadata.sorted_tables:
             connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
+            there = {column["name"] for column in sa.inspect(connection).get_columns(table.name)}
+            for column in table.columns:
+                if column.name not in there:
+                    kind = column.type.compile(connection.dialect)
+                    connection.exec_driver_sql(f"ALTER TABLE {table.name} ADD COLUMN {column.name} {kind}")
             for index in table.indexes:
                 if connection.dialect.name == "postgresql":  # not in the schema, where it would load the dialect
                     index.dialect_kwargs["postgresql_where"] = index.dialect_kwargs["sqlite_where"]

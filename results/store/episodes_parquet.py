@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robogauntlet.results.record import describe_fields
+from robogauntlet.results.record import LATER, describe_fields
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.store.episode_store import Store
 
@@ -55,6 +55,8 @@ def write_parquet(path: Path, document: RunDocument, store: Store) -> int:
 def read_rows(path: Path, document: RunDocument, batch: int) -> Iterator[Sequence[tuple[Any, ...]]]:
     """Yield the rows of a file of others as plain values in the order of `FIELDS`, at most `batch` at a time.
 
+    A file of an earlier version lacks `LATER` fields, which are None.
+
     Raises:
         NoEpisodes: It is damaged, has other columns or more rows than the run has episodes, or is too large.
     """
@@ -63,7 +65,9 @@ def read_rows(path: Path, document: RunDocument, batch: int) -> Iterator[Sequenc
 
     try:
         with pq.ParquetFile(path) as file:
-            if not file.schema_arrow.equals(schema(document)):
+            wanted, there = schema(document), file.schema_arrow
+            missing = {name for name in LATER if name not in there.names}
+            if not there.equals(pa.schema([field for field in wanted if field.name not in missing])):
                 raise NoEpisodes("its columns are not those of this program")
             about = file.metadata
             if about.num_rows > document.planned:
@@ -71,7 +75,9 @@ def read_rows(path: Path, document: RunDocument, batch: int) -> Iterator[Sequenc
             if any(about.row_group(i).total_byte_size > LARGEST_GROUP for i in range(about.num_row_groups)):
                 raise NoEpisodes(f"it has a row group of more than {LARGEST_GROUP:,} bytes")
             for part in file.iter_batches(batch):
-                yield list(zip(*(column.to_pylist() for column in part.columns), strict=True))
+                empty = [None] * len(part)
+                columns = (empty if name in missing else part.column(name).to_pylist() for name in wanted.names)
+                yield list(zip(*columns, strict=True))
     except NoEpisodes:
         raise
     except (pa.ArrowException, OSError, UnicodeError) as error:

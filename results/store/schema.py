@@ -13,7 +13,8 @@ import sqlalchemy as sa
 from robogauntlet.results.record import CELL, describe_fields
 from robogauntlet.results.store.database import Schema
 
-VERSION = 1
+VERSION, OLDEST = 2, 1
+"""Version 2 has columns of `episodes` that are empty in rows of version 1, see `record.WAITING`."""
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
 
 metadata = sa.MetaData()
@@ -97,4 +98,4 @@ def counted_cells() -> sa.Select[Any]:
     return sa.select(*key, *counts).group_by(*key)
 
 
-SCHEMA = Schema(metadata, _version, VERSION, "store")
+SCHEMA = Schema(metadata, _version, VERSION, "store", OLDEST)

@@ -7,11 +7,12 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 
 import pytest
 import sqlalchemy as sa
 
-from robogauntlet.results.record import FIELDS, outcome_row, rows_hash
+from robogauntlet.results.record import FIELDS, WAITING, outcome_row, rows_hash
 from robogauntlet.results.store.database import UnstorableValue, without_password
 from robogauntlet.results.store.episode_store import Store, StoreError, file_url
 from robogauntlet.results.store.schema import VERSION
@@ -147,6 +148,20 @@ def test_a_store_whose_creation_was_cut_short_is_completed(path):
 def test_a_file_may_have_any_name(tmp_path, name):
     Store.open_file(tmp_path / name, "run-1").close()
     assert (tmp_path / name).is_file()
+
+
+def test_a_store_of_version_1_gets_the_columns_that_it_lacks_and_keeps_its_rows(path):
+    results = [row(cells()[0], seed) for seed in range(2)]
+    with closing(Store.open_file(path, "run-1")) as store:
+        store.add(results[:1])
+    columns = [f"ALTER TABLE episodes DROP COLUMN {name}" for name in ("timing", *WAITING)]
+    execute(path, *columns, "UPDATE robogauntlet_schema SET version = 1")
+    with closing(Store.open(file_url(path), "run-1", create=False)) as store:
+        assert list(store.results()) == results[:1]
+        late = replace(results[1], timing="hold:80ms", held_steps=3)
+        assert store.add([late]) == 1
+        assert late in list(store.results())
+    Store.open_file(path, "run-1").close()
 
 
 @pytest.mark.parametrize("version", [0, VERSION + 1, 99])

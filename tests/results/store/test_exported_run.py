@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from robogauntlet.results.media_paths import picture_path, snapshot_path, video_path
-from robogauntlet.results.record import FailureKind, outcome_row, rows_hash
+from robogauntlet.results.record import WAITING, FailureKind, outcome_row, rows_hash
 from robogauntlet.results.run_document import RunError, RunStatus, read_run, store_url
 from robogauntlet.results.store import exported_files, exported_run
 from robogauntlet.results.store.arriving import arriving_folder
@@ -91,6 +91,12 @@ def test_a_run_comes_back_as_it_was(tmp_path, name):
     assert rows_hash(map(outcome_row, stored(folder))) == run.rows_hash
     assert [path.name for path in (tmp_path / "there").iterdir()] == [folder.name]
     assert paths(folder) == ["episodes.sqlite", "run.json"]
+
+
+def test_a_run_of_an_earlier_version_comes_back_without_the_columns_that_it_lacks(file):
+    file.write_bytes(exported_table(lambda table: table.drop_columns(["timing", *WAITING]), sound()))
+    folder, _ = import_run(file, file.parent / "there")
+    assert stored(folder) == sorted(RESULTS, key=lambda r: r.episode_id)
 
 
 def test_measured_behaviour_comes_back_with_every_kind_of_failure(tmp_path):
