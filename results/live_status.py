@@ -22,8 +22,6 @@ class LiveSimulator(_Model):
     errors: int
     per_minute: float | None = None
     """Recent episodes per minute."""
-    left_s: float | None = None
-    """Expected time left (s)."""
 
     @property
     def done(self) -> int:
@@ -50,6 +48,8 @@ class LiveStatus(_Model):
     phase: str
     """The current phase, such as "playing"."""
     simulators: tuple[LiveSimulator, ...] = ()
+    left_s: tuple[float, float] | None = None
+    """The shortest and longest time that is expected to be left (s); None before that can be told."""
     workers: tuple[LiveWorker, ...] = ()
     messages: tuple[str, ...] = ()
     """The last lines that the run printed."""

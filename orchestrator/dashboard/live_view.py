@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from robogauntlet.results.live_status import STALE_S, LiveSimulator, LiveWorker
+from robogauntlet.results.live_status import STALE_S, LiveSimulator, LiveStatus, LiveWorker
 from robogauntlet.results.report.formatting import NOTHING, count
 from robogauntlet.results.report.history_tables import run_rate
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts, RunEntry
-from robogauntlet.support.durations import format_duration
+from robogauntlet.support.durations import format_duration, format_range
 from robogauntlet.support.text import counted
 
 SILENT = "silent"
@@ -51,7 +51,7 @@ def live_view(entry: RunEntry, now: float) -> dict[str, Any]:
         "suite": entry.suite,
         "state": state_of(entry, now),
         "state_text": state_text_of(entry, now),
-        "phase": "" if live is None or silent else live.phase,
+        "phase": "" if live is None or silent else _phase(live),
         "done": counts.done,
         "planned": counts.planned,
         "errors": counts.errors,
@@ -87,6 +87,10 @@ def _counts(simulator: LiveSimulator) -> Counts:
     return Counts(simulator.planned, simulator.successes, simulator.failures, simulator.errors)
 
 
+def _phase(live: LiveStatus) -> str:
+    return live.phase if live.left_s is None else f"{live.phase}, {format_range(*live.left_s)} left"
+
+
 def _rate(counts: Counts, policies: int) -> str:
     if counts.rate is None:
         return "no result yet"
@@ -99,10 +103,12 @@ def _worker(worker: LiveWorker, now: float) -> dict[str, Any]:
 
 
 def _simulator(live: LiveSimulator, silent: bool, policies: int) -> dict[str, Any]:
-    """The progress of a simulator's episodes; a silent run has no speed and no time left."""
-    pace, left_s = (None, None) if silent else (live.per_minute, live.left_s)
-    whole = max(live.planned, live.done, 1)
-    rate, left = _rate(_counts(live), policies), NOTHING if left_s is None else brief(left_s)
+    """The progress of a simulator's episodes; a silent run has no speed."""
+    pace, whole, rate = (
+        None if silent else live.per_minute,
+        max(live.planned, live.done, 1),
+        _rate(_counts(live), policies),
+    )
     progress = (
         f"{count(live.done)} of {counted(live.planned, 'episode')}, success {rate}, {counted(live.errors, 'error')}"
     )
@@ -117,6 +123,5 @@ def _simulator(live: LiveSimulator, silent: bool, policies: int) -> dict[str, An
         "shares": [round(100 * number / whole, 2) for number in (live.successes, live.failures, live.errors)],
         "rate": rate,
         "per_minute": NOTHING if pace is None else f"{pace:,.3g}",
-        "left": left,
-        "progress": progress + ("" if left_s is None else f", {left} left"),  # for screen readers
+        "progress": progress,  # for screen readers
     }

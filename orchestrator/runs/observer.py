@@ -73,6 +73,7 @@ class RunState:
             at=time.time(),
             phase=self.phase,
             simulators=self.progress.simulators(),
+            left_s=self.progress.left_s(),
             workers=tuple(self.workers()),
             messages=tuple(self.warnings[-SHOWN_WARNINGS:]),
         )

@@ -17,13 +17,13 @@ from robogauntlet.orchestrator.runs.run_progress import RunProgress
 from robogauntlet.results.live_status import LiveSimulator
 from robogauntlet.results.record import EpisodeResult, outcome_text
 from robogauntlet.suites.episode import CLEAN, Condition
-from robogauntlet.support.durations import format_duration
+from robogauntlet.support.durations import format_duration, format_range
 from robogauntlet.support.errors import first_line
 from robogauntlet.support.text import counted
 
 
 class ProgressDisplay(Display, Observer):
-    """A bar per simulator with the success so far of a single policy, episodes per minute and time left.
+    """A bar per simulator with the success so far of a single policy and episodes per minute; time left of the run.
 
     If it is verbose, it also prints a line for each episode. While videos are recorded, it shows one bar for them.
     """
@@ -97,6 +97,8 @@ class ProgressDisplay(Display, Observer):
                 f"{live.done}/{live.planned}",
                 *self._figures(live),
             )
+        if left := self._left():
+            table.add_row("", "", "", left)
         return table
 
     def _lines(self, *, finished: bool = True) -> Iterator[str]:
@@ -104,15 +106,20 @@ class ProgressDisplay(Display, Observer):
             if live.done >= live.planned and not finished:
                 continue
             yield "  ".join(filter(None, [f"{live.simulator}: {live.done}/{live.planned}", *self._figures(live)]))
+        if left := None if finished else self._left():
+            yield f"all: {left}"
+
+    def _left(self) -> str | None:
+        left_s = None if self._progress is None else self._progress.left_s()
+        return None if left_s is None else f"{format_range(*left_s)} left"
 
     def _figures(self, live: LiveSimulator) -> list[str]:
-        valid, pace, left = live.successes + live.failures, live.per_minute, live.left_s
+        valid, pace = live.successes + live.failures, live.per_minute
         single = self._progress is not None and self._progress.policies == 1
         return [
             # Several policies have no rate in common.
             f"success {100 * live.successes / valid:.0f} %" if valid and single else "",
             f"{pace:.0f} episodes/min" if pace and live.done < live.planned else "",
-            f"{format_duration(left)} left" if left and live.done < live.planned else "",
             counted(live.errors, "error") if live.errors else "",
         ]
 

@@ -18,3 +18,17 @@ def format_duration(seconds: float, *, brief: bool = False) -> str:
     if brief and whole >= 2 * 86400:
         return f"{whole // 86400:,} days"
     return f"{whole // 3600:,} h {whole % 3600 // 60} min"
+
+
+def format_range(low: float, high: float) -> str:
+    """An estimated duration in the unit of its end, without what is smaller: `20 to 50 s`, `3 to 8 min`, `1 to 3 h`.
+
+    Args:
+        low: The shortest that is expected (s).
+        high: The longest (s).
+    """
+    size, unit = next(
+        (size, unit) for size, unit in ((3600, "h"), (60, "min"), (1, "s")) if high >= 1.5 * size or size == 1
+    )
+    first, last = round(low / size), max(round(high / size), 1)
+    return f"{last} {unit}" if first == last else f"{first} to {last} {unit}" if first else f"at most {last} {unit}"
