@@ -277,6 +277,8 @@ class Simulator:
     """BibTeX entries of the simulator, its tasks and its physics engine, for `robogauntlet report --cite`."""
     adjusts: frozenset[str] = frozenset()
     """Names of the scene controls of its simulations, out of `adapters.scene_control.ADJUSTABLE`."""
+    has_assets: bool = False
+    """Whether it finds assets of the user's in the folder of `user_assets.variable`."""
     renders: bool = True
     """False for simulators that do not render (the null simulator)."""
     newest_python: str = ""  # for which its packages have wheels, such as `3.12`; empty for any

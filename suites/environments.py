@@ -31,10 +31,14 @@ def _requirement(value: str) -> str:
     return value
 
 
-def _path(value: str) -> str:
+def _path(value: str, what: str = "a Python interpreter") -> str:
     if not value.startswith(("/", "~/")):
-        raise ValueError("expected the full path of a Python interpreter")
+        raise ValueError(f"expected the full path of {what}")
     return value
+
+
+def _folder(value: str) -> str:
+    return _path(value, "a folder")
 
 
 Requirement = Annotated[str, Field(strict=True), AfterValidator(_requirement)]
@@ -78,3 +82,5 @@ class Config(BaseModel):
 
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
     """Simulator to its Python environment, unless the suite defines another."""
+    assets: dict[str, Annotated[str, Field(strict=True), AfterValidator(_folder)]] = Field(default_factory=dict)
+    """Simulator to the folder of its assets, unless the environment has a variable for it."""

@@ -75,16 +75,23 @@ def load_suite(path: Path, names: Registry, text: str | None = None) -> Suite:
     return suite.with_names(names)
 
 
-def load_config(path: Path, names: Sequence[str]) -> Config:
-    """Read and validate a configuration file, which may be empty, with environments of these simulators.
+def load_config(path: Path, names: Sequence[str], with_assets: Sequence[str] = ()) -> Config:
+    """Read and validate a configuration file, which may be empty.
+
+    Args:
+        path: The file.
+        names: Those that can have an environment.
+        with_assets: Simulators that can have a folder of assets.
 
     Raises:
         SuiteError: Holds every problem found.
     """
 
     def unknown(config: Config) -> list[Mistake]:
-        wrong = [name for name in config.environments if name not in names]
-        return [(("environments", name), f"unknown simulator '{name}'{did_you_mean(name, names)}") for name in wrong]
+        known = {"environments": names, "assets": with_assets}
+        named = ((key, name) for key in known for name in getattr(config, key) if name not in known[key])
+        wrong = {"environments": "unknown simulator", "assets": "no simulator that finds assets of yours:"}
+        return [((key, name), f"{wrong[key]} '{name}'{did_you_mean(name, known[key])}") for key, name in named]
 
     return _load(path, _read(path, "a configuration file"), Config, unknown, ", ".join(Config.model_fields))
 

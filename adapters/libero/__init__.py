@@ -23,6 +23,7 @@ SIMULATOR = Simulator(
     open=_open,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table", "starts"}),
     environment={"MUJOCO_GL": "egl"},
+    has_assets=True,
     requirements=(
         "mujoco==3.3.7",
         "numpy==1.26.4",

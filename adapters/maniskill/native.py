@@ -12,13 +12,9 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import (
-    PICTURE_SIZE,
-    FloatArray,
-    Image,
-    StepOutcome,
-)
+from robogauntlet.adapters.contract import PICTURE_SIZE, FloatArray, Image, StepOutcome
 from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.maniskill.assets import check_assets
 from robogauntlet.adapters.maniskill.dynamics import renew_physics
 from robogauntlet.adapters.maniskill.environment import make_environment, render_device
 from robogauntlet.adapters.maniskill.native_tasks import ROBOTS, TASKS
@@ -31,7 +27,8 @@ class NativeSimulation(BaseSimulation):
     """One such task, see `robogauntlet.adapters.contract.Simulation`."""
 
     def __init__(self, task: str, view: View) -> None:
-        """Make the environment. Raises SimulatorUnavailable."""
+        """Make the environment. Raises SimulatorUnavailable, TaskUnavailable."""
+        check_assets(task)
         super().__init__(view, TASKS[task].instruction, ROBOTS[TASKS[task].robot].spec)
         self._env = make_environment(task, self._cameras, reward_mode="sparse")
 

@@ -38,6 +38,7 @@ ROBOTS = {
 """By the end of a task's name."""
 _TASKS = {
     "PegInsertionSide-v1@Panda-joint-delta": ("insert the peg into the hole in the box", 200),
+    "PickSingleYCB-v1@Panda-joint-delta": ("pick up the object and hold it in the green ball", 200),
     "FMBAssembly1Easy-v1@Panda-joint-delta": ("assemble the parts on the red board", 500),
     "PushT-v1@PandaStick": ("push the red T onto the grey one", 200),
     "DrawTriangle-v1@PandaStick": ("draw over the outline of the triangle", 300),

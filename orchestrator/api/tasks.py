@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.environments.environment import assets_variables, read_config
 from robogauntlet.orchestrator.registry import why_impossible
 from robogauntlet.suites.conditions import read_condition
 from robogauntlet.suites.episode import CLEAN, Cell, Protocol, RenderProfile, SuccessRule, View
@@ -73,7 +74,8 @@ def make(
     except ModuleNotFoundError as error:
         raise BadInput(f"not installed (no module {error.name}); install it: pip install gymnasium") from None
     if description:  # variables are set before the simulator is imported
-        for name, value in catalog.find(task.partition("/")[0]).environment.items():
+        own = catalog.find(task.partition("/")[0]).environment
+        for name, value in {**own, **assets_variables(read_config())}.items():
             os.environ.setdefault(name, value)
     view = View(tuple(cameras or available), image_size, RenderProfile(render_profile))
     simulation = catalog.open_simulation(task, view)

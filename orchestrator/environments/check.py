@@ -14,7 +14,14 @@ from packaging.requirements import InvalidRequirement, Requirement
 
 from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.environments import introspect
-from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_PACKAGES, Environment, EnvironmentUser
+from robogauntlet.orchestrator.environments.environment import (
+    RUNNING,
+    WORKER_PACKAGES,
+    Environment,
+    EnvironmentUser,
+    assets_variables,
+    read_config,
+)
 from robogauntlet.orchestrator.environments.source_path import PACKAGE, import_path, source_file
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 from robogauntlet.support.errors import last_line
@@ -73,7 +80,9 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
             if has_workers:
                 imports = (*WORKER_PACKAGES.values(), *imports)
             request = replace(request, imports=imports, compared=compared)
-        variables = tuple(user.environment.items()) if isinstance(user, Simulator) else ()
+        variables: tuple[tuple[str, str], ...] = ()
+        if isinstance(user, Simulator):
+            variables = tuple({**user.environment, **assets_variables(read_config())}.items())
         installed = _ask(python, python.lstat().st_mtime_ns, request, import_path(), variables)
     except (OSError, ChildEnded, ChildTimeout, ValueError) as error:
         return EnvironmentCheck((f"{label}: expected an answer from {python}, got: {last_line(error)}; {remedy}",))

@@ -12,6 +12,7 @@ from typing import Any
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator
+from robogauntlet.adapters.user_assets import variable
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyKind
 from robogauntlet.suites.environments import Config, EnvironmentEntry
@@ -129,7 +130,15 @@ def read_config() -> Config:
     path = config_path()
     if not path.exists() and "ROBOGAUNTLET_CONFIG" not in os.environ:
         return Config()
-    return load_config(path, sorted(environment_users()))
+    with_assets = sorted(name for name, simulator in catalog.simulators().items() if simulator.has_assets)
+    return load_config(path, sorted(environment_users()), with_assets)
+
+
+def assets_variables(config: Config) -> dict[str, str]:
+    """The variables by which simulators find assets of the user's: as they are set, else by the configuration."""
+    users = [name for name, simulator in catalog.simulators().items() if simulator.has_assets]
+    named = {variable(name): os.environ.get(variable(name)) or config.assets.get(name) for name in users}
+    return {name: folder for name, folder in named.items() if folder}
 
 
 def declared_environments(user: EnvironmentUser) -> list[Environment]:

@@ -16,6 +16,7 @@ from robogauntlet.orchestrator.environments.environment import (
     Environment,
     EnvironmentUser,
     adapter_environment,
+    assets_variables,
     config_path,
     read_config,
 )
@@ -31,12 +32,13 @@ OBJECT_TOKEN = f"{POLICY_TOKEN}_OBJECT"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
-def worker_environment(simulator: Simulator) -> dict[str, str]:
-    """Environment variables of a process that runs a simulator: one thread, and the simulator's own variables.
+def worker_environment(simulator: Simulator, config: Config | None = None) -> dict[str, str]:
+    """Environment variables of a process that runs a simulator: one thread, its own variables, and folders of assets.
 
-    The simulator's variables are as the user has set them, if so.
+    The simulator's variables are as the user has set them, if so. The configuration is by default read from its file.
     """
-    return {**_ONE_THREAD, **{name: os.environ.get(name, value) for name, value in simulator.environment.items()}}
+    own = {name: os.environ.get(name, value) for name, value in simulator.environment.items()}
+    return {**_ONE_THREAD, **own, **assets_variables(config or read_config())}
 
 
 class EnvironmentResolver:
@@ -53,14 +55,14 @@ class EnvironmentResolver:
             SuiteError: The user's configuration is invalid.
         """
         self._declared = declared or {}
-        self._configured = (config or read_config()).environments
+        self._config = config or read_config()
 
     def resolve(self, user: EnvironmentUser) -> Environment | None:
         """The environment of a simulator or policy, whether or not it exists; None for the running one."""
         if user.name in self._declared:
             return Environment(user.name, self._declared[user.name], "the suite")
-        if user.name in self._configured:
-            return Environment(user.name, self._configured[user.name], str(config_path()))
+        if (configured := self._config.environments.get(user.name)) is not None:
+            return Environment(user.name, configured, str(config_path()))
         return adapter_environment(user)
 
     def options(self, kind: str, options: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -112,7 +114,7 @@ class EnvironmentResolver:
         Raises:
             OSError: The folder with links to the source cannot be written.
         """
-        variables = worker_environment(simulator)
+        variables = worker_environment(simulator, self._config)
         if token := os.environ.get(OBJECT_TOKEN):
             variables[OBJECT_TOKEN] = token  # Ray may have been started before it was set.
         if (environment := self.resolve(simulator)) is None:
@@ -127,7 +129,7 @@ class EnvironmentResolver:
             OSError: As `ray_runtime_env`.
         """
         environment = self.resolve(simulator)
-        variables = {**without_secrets(os.environ), **worker_environment(simulator)}
+        variables = {**without_secrets(os.environ), **worker_environment(simulator, self._config)}
         if environment is None:
             return sys.executable, variables
         return str(environment.python), {**variables, "PYTHONPATH": import_path()}

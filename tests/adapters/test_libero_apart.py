@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.libero.assets import VARIABLE, package_folder
+from robogauntlet.adapters.libero.assets import package_folder
+from robogauntlet.adapters.user_assets import variable
 from robogauntlet.results.api import open_run
 from tests import ROOT
 from tests.jobs import mostly_nightly
@@ -42,7 +43,7 @@ def surroundings(request):
     if not (kept / "assets").is_dir():
         shutil.unpack_archive(PACK, kept / "partial", filter="data")
         (kept / "partial" / "assets").rename(kept / "assets")
-    named = {"ROBOGAUNTLET_ENVIRONMENTS": FOLDER, VARIABLE: str(kept / "assets")}
+    named = {"ROBOGAUNTLET_ENVIRONMENTS": FOLDER, variable("libero"): str(kept / "assets")}
     return os.environ | named
 
 

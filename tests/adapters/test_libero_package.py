@@ -9,10 +9,13 @@ import pytest
 
 from robogauntlet.adapters.contract import AdapterError, Goal, SimulatorUnavailable
 from robogauntlet.adapters.libero import SIMULATOR, assets
-from robogauntlet.adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Assets, find_assets
+from robogauntlet.adapters.libero.assets import LIBERO_PLUS, PARTS, STAND_INS, Assets, find_assets
 from robogauntlet.adapters.libero.libero_import import Libero, check_versions
 from robogauntlet.adapters.libero.tasks import HORIZONS, ON_OBJECT, libero_tasks
+from robogauntlet.adapters.user_assets import content_hash, variable
 from tests.errors import one_line_error
+
+VARIABLE = variable("libero")
 
 
 @pytest.fixture
@@ -102,7 +105,9 @@ def test_missing_assets_are_one_line_with_what_to_do(nowhere):
 
 def test_assets_are_found_where_the_variable_says(nowhere, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(folder_of_assets(nowhere / "mine")))
-    assert find_assets() == Assets((nowhere / "mine").resolve(), stand_ins=False)
+    assert find_assets() == find_assets(LIBERO_PLUS) == Assets((nowhere / "mine").resolve(), False, of_user=True)
+    monkeypatch.setenv(variable(LIBERO_PLUS), str(folder_of_assets(nowhere / "more")))
+    assert [find_assets(name).folder.name for name in ("libero", LIBERO_PLUS)] == ["mine", "more"]
 
 
 def test_assets_of_wheels_that_are_not_whole_are_refused(nowhere, monkeypatch):
@@ -116,12 +121,23 @@ def test_assets_of_wheels_that_are_not_whole_are_refused(nowhere, monkeypatch):
     assert find_assets().folder == folder.resolve()
 
 
-def test_a_wrong_variable_is_an_error(nowhere, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("elsewhere", "elsewhere does not exist"),
+        ("config.yaml", "config.yaml is a file, expected a folder"),
+        ("half", "half lacks scenes and 4 more"),
+    ],
+)
+def test_a_variable_that_names_no_whole_folder_is_one_line(nowhere, monkeypatch, name, says):
     folder = folder_of_assets(nowhere / "wheels")
     monkeypatch.setattr(assets, "installed_folder", lambda: folder)
-    monkeypatch.setenv(VARIABLE, str(nowhere / "elsewhere"))
-    with pytest.raises(SimulatorUnavailable, match="elsewhere"):
+    (nowhere / "config.yaml").touch()
+    (nowhere / "half" / PARTS[0]).mkdir(parents=True)
+    monkeypatch.setenv(VARIABLE, str(nowhere / name))
+    with one_line_error(SimulatorUnavailable) as caught:
         find_assets()
+    assert f"{says} ({VARIABLE}); install them" in str(caught.value)
 
 
 def test_assets_are_found_where_liberos_configuration_says(nowhere, monkeypatch):
@@ -137,6 +153,8 @@ def test_stand_ins_are_named_and_another_file_is_another_hash(tmp_path):
     (tmp_path / "own" / "scenes" / "thing.xml").write_text("scenes")
     assert own.fingerprint() != other
     assert str(own) == f"LIBERO assets {own.fingerprint()} without stand-ins"
+    of_user = Assets(own.folder, stand_ins=False, of_user=True)
+    assert str(of_user) == f"LIBERO assets {content_hash(own.folder)} without stand-ins"
     assert "with stand-ins" in str(Assets(tmp_path, stand_ins=True))
 
 

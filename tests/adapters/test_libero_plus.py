@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters import libero
-from robogauntlet.adapters.libero.assets import PARTS, VARIABLE, find_assets
+from robogauntlet.adapters.contract import TaskUnavailable
+from robogauntlet.adapters.libero.assets import LIBERO_PLUS, PARTS, find_assets
 from robogauntlet.adapters.libero_plus import SIMULATOR, package, task_files
+from robogauntlet.adapters.libero_plus.added_objects import object_files
 from robogauntlet.adapters.libero_plus.generate_variants import perturbed_names, survey, written
 from robogauntlet.adapters.libero_plus.package import missing_objects
 from robogauntlet.adapters.libero_plus.task_files import plus_folder
 from robogauntlet.adapters.libero_plus.variants import PlusAxis, variants
+from robogauntlet.adapters.user_assets import variable
 from robogauntlet.suites.episode import CAMERAS, View
+from tests.errors import one_line_error
 
 pytestmark = [
     pytest.mark.simulator,
@@ -100,6 +104,51 @@ def test_a_layout_variant_starts_from_its_own_state_whatever_the_seed(own):
         assert simulation.state_hash() != own.state_hash()
 
 
+BOX = """<mujoco model="object"><worldbody><body name="object">
+<geom type="box" size=".02 .02 .03" group="0" mass=".1"/>
+<geom type="box" size=".02 .02 .03" group="1" contype="0" conaffinity="0" rgba="1 0 1 1"/>
+<site name="bottom_site" pos="0 0 -.03"/><site name="top_site" pos="0 0 .03"/>
+<site name="horizontal_radius_site" pos=".03 0 0"/></body></worldbody></mujoco>"""
+"""Without the body around it that robosuite looks for."""
+MESH = '<asset><mesh name="fur" file="fur.obj"/></asset>'
+
+
+def with_added(folder, layout, text):
+    """A folder of LIBERO's assets and, with this text, those of the objects that a variant adds."""
+    for part in find_assets().folder.iterdir():
+        (folder / part.name).symlink_to(part)
+    for kind in missing_objects(layout):
+        path = folder / object_files()[kind]
+        path.parent.mkdir(parents=True)
+        path.write_text(text)
+    return folder
+
+
+def test_an_added_object_of_the_users_assets_stands_where_the_stored_state_says(tmp_path, monkeypatch):
+    more = first(PlusAxis.LAYOUT, ending="add")
+    kinds = missing_objects(more)
+    monkeypatch.setenv(variable(LIBERO_PLUS), str(with_added(tmp_path, more, BOX)))
+    with closing(begun(SIMULATOR, more.task)) as simulation:
+        added = [one for name, one in simulation._objects.items() if name.rstrip("0123456789")[:-1] in kinds]
+        own = len(simulation._objects) - len(added)
+        states = simulation._states[0, 10 + 7 * own :]
+        for number, one in enumerate(added):
+            np.testing.assert_allclose(one.body.xpos[:2], states[7 * number : 7 * number + 2], atol=0.03)
+        assert simulation.delivered().value < 5.0  # cm, LIBERO's own objects stay where they were
+        image = simulation.observe().images["third_person"].astype(int)
+        assert ((image[..., 0] > 60) & (image[..., 1] < 30) & (image[..., 2] > 60)).any()
+
+
+def test_an_added_object_without_its_mesh_is_left_out_in_one_line(tmp_path, monkeypatch):
+    more = first(PlusAxis.LAYOUT, ending="add")
+    assets = with_added(tmp_path, more, BOX.replace("<worldbody>", MESH + "<worldbody>"))
+    monkeypatch.setenv(variable(LIBERO_PLUS), str(assets))
+    with one_line_error(TaskUnavailable) as caught:
+        SIMULATOR.open(more.task, View(CAMERAS, SIZE))
+    assert str(caught.value).startswith(f"{assets} lacks files in part (")
+    assert "fur.obj" in str(caught.value)
+
+
 @pytest.fixture
 def lamps(tmp_path, monkeypatch):
     """Assets with the scene of a light variant: LIBERO's own scene with dimmer lamps."""
@@ -116,7 +165,7 @@ def lamps(tmp_path, monkeypatch):
     dimmed = re.sub(r'diffuse="[^"]*"', 'diffuse=".1 .1 .3"', text).replace('file="../', 'file="../../')
     (tmp_path / scene.xml).write_text(dimmed)
     assert all((tmp_path / part).is_dir() for part in PARTS)
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    monkeypatch.setenv(variable(LIBERO_PLUS), str(tmp_path))
     return lit
 
 

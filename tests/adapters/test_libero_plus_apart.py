@@ -5,9 +5,10 @@ import subprocess
 import pytest
 
 from robogauntlet.adapters.libero.assets import package_folder
+from robogauntlet.adapters.user_assets import variable
 from robogauntlet.results.api import open_run
 from tests import ROOT
-from tests.adapters.test_libero_apart import VARIABLE, run_command, surroundings
+from tests.adapters.test_libero_apart import run_command, surroundings
 from tests.own_environments import python_of
 
 pytestmark = [
@@ -35,7 +36,7 @@ def test_a_variant_is_played_with_the_real_assets(surroundings, tmp_path):
     python_of("libero-plus")
     suite, folder = tmp_path / "camera.yaml", tmp_path / "run"
     suite.write_text(f"name: camera\npolicies: [zero]\ntasks: [{TASK}]\nseeds: {{count: 1}}\nhorizon: 16\n")
-    with_assets = {name: value for name, value in surroundings.items() if name != VARIABLE}
+    with_assets = {name: value for name, value in surroundings.items() if name != variable("libero")}
     run_command(with_assets, "run", str(suite), "--out", str(folder), "--no-media")
     run = open_run(folder)
     assert run.document.render_devices["libero-plus"].endswith("without stand-ins")

@@ -12,7 +12,7 @@ import pytest
 
 from robogauntlet.adapters.contract import AdapterError, TaskUnavailable
 from robogauntlet.adapters.libero.assets import Assets
-from robogauntlet.adapters.libero_plus import SIMULATOR, package, task_files
+from robogauntlet.adapters.libero_plus import SIMULATOR, added_objects, package, task_files
 from robogauntlet.adapters.libero_plus.generate_variants import ABOUT_INSTRUCTIONS
 from robogauntlet.adapters.libero_plus.image_noise import KINDS, LEVELS, SIZE, describe, noisy
 from robogauntlet.adapters.libero_plus.package import open_files, why_left_out
@@ -156,12 +156,13 @@ def test_noise_numbers_go_by_kind_and_level():
 def installed(monkeypatch, tmp_path):
     """A folder as LIBERO-Plus's, with a few files, and assets beside it."""
     folder, libero = tmp_path / "liberoplus", tmp_path / "libero"
-    for module in (task_files, package):
+    for module in (task_files, package, added_objects):
         monkeypatch.setattr(module, "plus_folder", lambda: folder)
     monkeypatch.setattr(package, "package_folder", lambda: libero)
     task_files._problems.cache_clear()
     task_files._textures.cache_clear()
     package._known_objects.cache_clear()
+    added_objects.object_files.cache_clear()
     texts = {
         folder
         / "bddl_files"
@@ -178,6 +179,10 @@ def installed(monkeypatch, tmp_path):
         folder / "envs" / "arenas" / "style.py": (
             'FLOOR_STYLE = {\n"oak": "oak.png",\n"slate": "slate 6K.png",\n}\nWALL_STYLE = {"lime": "lime.png"}\n'
         ),
+        folder / "envs" / "objects" / "custom_objects.py": (
+            "class CustomObjects(Thing):\n  pass\n@register_object\nclass FatCat_2(CustomObjects):\n"
+            '  f"assets/new_objects/fat_cat/x/x.xml"\nclass Dog(CustomObjects):\n  f"assets/new_objects/dog/y.xml"\n'
+        ),
         libero / "envs" / "objects" / "bowls.py": "class WhiteBowl(Thing):\n",
         tmp_path / "assets" / "textures" / "oak.png": "",
         tmp_path / "assets" / "textures" / "lime.png": "",
@@ -186,6 +191,7 @@ def installed(monkeypatch, tmp_path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     yield folder
+    added_objects.object_files.cache_clear()
     task_files._problems.cache_clear()
     task_files._textures.cache_clear()
     package._known_objects.cache_clear()
@@ -206,10 +212,11 @@ def test_the_scene_and_the_textures_of_a_task_file_are_found_in_the_text_of_its_
 
 def test_variants_whose_objects_scenes_or_textures_are_missing_are_left_out_with_the_reason(installed):
     assets = Assets(installed.parent / "assets", False)
+    lacks = f"which {assets.folder} lacks; see ROBOGAUNTLET_LIBERO_PLUS_ASSETS"
     reasons = {
-        (PlusAxis.LAYOUT, "add-1"): "it adds objects of LIBERO-Plus's own, which LIBERO lacks",
-        (PlusAxis.LIGHT, "1"): "it shows LIBERO-Plus's own scenes, which these assets lack",
-        (PlusAxis.BACKGROUND, "table-1"): "it shows LIBERO-Plus's own textures, which these assets lack",
+        (PlusAxis.LAYOUT, "add-1"): f"it shows LIBERO-Plus's own objects, {lacks}",
+        (PlusAxis.LIGHT, "1"): f"it shows LIBERO-Plus's own scenes, {lacks}",
+        (PlusAxis.BACKGROUND, "table-1"): f"it shows LIBERO-Plus's own textures, {lacks}",
         (
             PlusAxis.LAYOUT,
             "add-2",
@@ -219,11 +226,15 @@ def test_variants_whose_objects_scenes_or_textures_are_missing_are_left_out_with
     assert {key: why_left_out(of_stove(*key), assets) for key in reasons} == reasons
     (assets.folder / "textures" / "slate 6K.png").touch()
     assert why_left_out(of_stove(PlusAxis.BACKGROUND, "table-1"), assets) is None
+    cat = assets.folder / "new_objects" / "fat_cat" / "x"
+    cat.mkdir(parents=True)
+    (cat / "x.xml").touch()
+    assert why_left_out(of_stove(PlusAxis.LAYOUT, "add-1"), assets) is None
 
 
 def test_without_liberoplus_variants_that_need_its_files_are_left_out(monkeypatch):
     monkeypatch.setattr(package, "plus_folder", lambda: None)
-    monkeypatch.setattr(package, "find_assets", lambda: Assets(None, False))
+    monkeypatch.setattr(package, "find_assets", lambda simulator: Assets(None, False))
     with pytest.raises(TaskUnavailable, match="not installed here: robogauntlet env create libero-plus"):
         open_files(variant("layout-spatial-0-add-10"))
 

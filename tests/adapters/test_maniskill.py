@@ -300,6 +300,6 @@ def test_a_task_of_another_robot_is_native_ends_as_maniskill_says_and_repeats():
 
 def test_tasks_of_other_robots_are_found_by_patterns_with_their_robot_alone():
     tasks = load_registry().tasks
-    assert len(SIMULATOR.tasks) == 26
+    assert len(SIMULATOR.tasks) == 27
     assert len(expand_tasks(["maniskill/*"], tasks)) == 11
     assert len(expand_tasks(["maniskill/*@DClaw"], tasks)) == 5

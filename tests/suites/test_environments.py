@@ -10,7 +10,7 @@ def problem(tmp_path, text):
     path = tmp_path / "config.yaml"
     path.write_text(text)
     with pytest.raises(SuiteError) as caught:
-        load_config(path, ["libero", "maniskill"])
+        load_config(path, ["libero", "maniskill"], ["libero"])
     return str(caught.value).removeprefix(f"{path}:")
 
 
@@ -47,6 +47,22 @@ def test_a_mistake_is_reported_with_its_line(tmp_path, entry, message):
 
 def test_an_unknown_simulator_is_answered_with_the_nearest(tmp_path):
     assert problem(tmp_path, "environments: {libro: {}}\n") == "1: unknown simulator 'libro'; did you mean 'libero'?"
+
+
+@pytest.mark.parametrize(
+    ("assets", "message"),
+    [
+        ("{libro: /x}", "no simulator that finds assets of yours: 'libro'; did you mean 'libero'?"),
+        ("{maniskill: /x}", "no simulator that finds assets of yours: 'maniskill'"),
+        ("{libero: here}", "expected the full path of a folder, found text ('here')"),
+        ("{libero: 3}", "assets.libero: expected a valid string, found a whole number (3)"),
+        ("/x", "expected a mapping"),
+    ],
+)
+def test_a_mistake_about_assets_is_one_line(tmp_path, assets, message):
+    found = problem(tmp_path, f"assets: {assets}\n")
+    assert message in found
+    assert "\n" not in found
 
 
 def test_a_default_that_is_given_does_not_change_the_hash():
