@@ -1,0 +1,1 @@
+"""What a slow policy costs on a robot that does not wait."""
