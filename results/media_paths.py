@@ -23,6 +23,11 @@ def videos_folder(folder: Path) -> Path:
     return folder / MEDIA / "videos"
 
 
+def begun_folder(folder: Path) -> Path:
+    """Return the folder of unfinished videos while a run plays, and of marks of what is filmed."""
+    return videos_folder(folder) / ".begun"
+
+
 def video_path(folder: Path, episode_id: str) -> Path:
     """Return the path of the video of an episode (mp4)."""
     return videos_folder(folder) / f"{_name(episode_id)}.mp4"

@@ -85,10 +85,15 @@ class EpisodeRunner:
             frame_s = time.perf_counter() - start
         return Readiness(os.getpid(), simulation.render_device(), frame_s)
 
-    def play(self, lease: Lease) -> Iterator[EpisodeResult]:
-        """Play the lease's episodes. An episode that cannot be played yields an error record; no error is raised."""
+    def play(self, lease: Lease, play_one: Callable[[Episode], EpisodeResult] | None = None) -> Iterator[EpisodeResult]:
+        """Play the lease's episodes. An episode that cannot be played yields an error record; no error is raised.
+
+        Args:
+            lease: The episodes.
+            play_one: Plays one of them instead of the method of this name.
+        """
         wait_s = 0.0 if self._idle_since is None else time.perf_counter() - self._idle_since
-        for result in map(self.play_one, lease.episodes()):
+        for result in map(play_one or self.play_one, lease.episodes()):
             self._idle_since = time.perf_counter()
             yield replace(
                 result,

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.adapters.contract import AdapterError, Simulation
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.episodes.rollout import Watcher
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder, encode_png
 from robogauntlet.orchestrator.ray_runtime.session import temporary_folder
 from robogauntlet.orchestrator.replay.first_observation import first_observation
@@ -27,9 +32,13 @@ from robogauntlet.orchestrator.replay.media_selection import (
     shared_by,
 )
 from robogauntlet.orchestrator.replay.replay import NotReplayed, replay, replay_rows
-from robogauntlet.results.media_paths import picture_path, snapshot_path, video_path, videos_folder
-from robogauntlet.results.record import EpisodeResult
+from robogauntlet.results.media_paths import begun_folder, picture_path, snapshot_path, video_path, videos_folder
+from robogauntlet.results.record import EpisodeResult, Status
+from robogauntlet.suites.episode import Episode
 from robogauntlet.support.files import write_whole
+
+Job = Callable[[EpisodeRunner, Lease], Iterator[Any]]
+"""As that of a worker pool."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,76 @@ class MediaResult:
     """Path in the run folder to its content."""
     warning: str | None = None
     """A line about what went wrong, if anything."""
+
+
+def job_of_workers(folder: Path | None) -> Job:
+    """What the workers of a run do with their leases.
+
+    Args:
+        folder: The run folder, if they have it at hand and are to film the first episode of each policy in each
+            simulator there. What cannot be filmed is played all the same.
+    """
+    return EpisodeRunner.play if folder is None else partial(_play_lease, folder=folder.absolute())
+
+
+def end_filming(folder: Path) -> None:
+    """Remove unfinished videos, and the marks of what was filmed."""
+    shutil.rmtree(begun_folder(folder), ignore_errors=True)
+
+
+def _play_lease(runner: EpisodeRunner, lease: Lease, *, folder: Path) -> Iterator[EpisodeResult]:
+    return runner.play(lease, partial(_play_filmed, runner, folder))
+
+
+def _play_filmed(runner: EpisodeRunner, folder: Path, episode: Episode) -> EpisodeResult:
+    if not _is_first(folder, episode):
+        return runner.play_one(episode)
+    begun, results, watcher = begun_folder(folder) / f"{episode.id}.mp4", [], None
+    with suppress(Exception), VideoRecorder(begun, steps=episode.protocol.horizon) as recorder:
+        watcher = _CarefulWatcher(recorder)
+        results.append(runner.play_one(episode, watcher))
+    result = results[0] if results else runner.play_one(episode)
+    if begun.exists() and watcher is not None and watcher.problem is None and result.status != Status.ERROR:
+        with suppress(OSError):
+            if result.attempts == 1:
+                begun.replace(video_path(folder, episode.id))
+            if recorder.first is not None and not (picture := picture_path(folder, episode.task)).exists():
+                picture.parent.mkdir(parents=True, exist_ok=True)
+                write_whole(picture, encode_png(recorder.first))
+    return result
+
+
+def _is_first(folder: Path, episode: Episode) -> bool:
+    """Whether no episode of its policy in its simulator was filmed before, by whichever worker."""
+    mark = begun_folder(folder) / f"{episode.simulator}-{episode.policy_digest}"
+    if mark in _MARKED:
+        return False
+    _MARKED.add(mark)
+    try:
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        mark.touch(exist_ok=False)
+    except OSError:  # another worker was first, or the folder cannot be written
+        return False
+    return True
+
+
+_MARKED: set[Path] = set()
+"""Marks that this process has seen."""
+
+
+class _CarefulWatcher:
+    """A watcher that stops at its first exception, since no episode may fail for its video."""
+
+    def __init__(self, watcher: Watcher) -> None:
+        self._watcher = watcher
+        self.problem: Exception | None = None
+
+    def __call__(self, simulation: Simulation, step: int) -> None:
+        if self.problem is None:
+            try:
+                self._watcher(simulation, step)
+            except Exception as problem:  # ffmpeg is missing, a full disk, a renderer
+                self.problem = problem
 
 
 def pending_media(

@@ -65,8 +65,7 @@ class RunOptions:
     retry_errors: bool = False
     """Play episodes again whose row is an error."""
     media: bool | None = None
-    """Afterwards record videos (a success and a failure per policy and task, failures along axes) and snapshots: all,
-    none, or by default what fits into `MEDIA_SHARE`."""
+    """Record videos and snapshots: all, none, or by default the first episodes and what fits into `MEDIA_SHARE`."""
     schedule: str | None = None
     """The schedule that starts this run, if any."""
     command: str | None = None
@@ -84,10 +83,9 @@ def run_plan(
 ) -> RunState:
     """Play the missing episodes of a plan, write all results into `folder` and return the outcome.
 
-    The report is written and the observers' `on_numbers` called when the last episode has ended; then videos and
-    snapshots are recorded, and the report is written again with them. An interruption, a full disk or too many errors
-    end the run early. The returned rows are kept, the outcome has the status and the reason, and running again
-    continues. With `rounds`, only the episodes that it chooses are played, until it chooses none.
+    The report is written and the observers' `on_numbers` called when the last episode has ended; then further videos
+    and snapshots are recorded, and the report is written again. An interruption, a full disk or too many errors end the
+    run early; the rows are kept, and running again continues. `rounds` chooses the episodes to play, until none.
 
     Raises:
         PlanError: The folder holds another run.
@@ -198,6 +196,7 @@ class RunSession(Observer):
         """Play this work and all further rounds. Raises as `Scheduler.run`."""
         import_ray()
         from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, start_servers
+        from robogauntlet.orchestrator.replay.media import end_filming, job_of_workers
         from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
         from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
         from robogauntlet.orchestrator.scheduling.work_queue import work_queues
@@ -216,8 +215,11 @@ class RunSession(Observer):
         place = choose_inference(sources, self._plan.cells, suite.inference, workers, self._observers.on_line)
         self._update(inference=place, shared_workers=None if per_simulator else workers)
         servers = start_servers(sources, suite.inference) if place == "served" else []
+        films = self._options.media is not False and self._options.address is None
+        self._ray.callback(end_filming, self._place.folder)
         while work:
-            pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments)
+            job = job_of_workers(self._place.folder if films else None)
+            pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments, job)
             queues = work_queues(work, suite.max_attempts)
             sink, start_s = self._place.add, self._start_s
             Scheduler(queues, pool, scheduling, sink=sink, observer=self._observers, start_s=start_s).run()

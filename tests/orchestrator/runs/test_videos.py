@@ -2,7 +2,13 @@
 
 import pytest
 
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.lease import Lease
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.replay.media import job_of_workers
+from robogauntlet.results.record import outcome_row
 from robogauntlet.results.run_document import RunStatus, read_run
+from robogauntlet.suites.episode import Cell, Protocol
 from tests.orchestrator.runs.playing import observer
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
@@ -31,7 +37,7 @@ def videos_of(run):
     return {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
 
 
-def test_the_report_is_written_before_the_first_video_and_again_after_the_last(run, suite):
+def test_the_first_report_has_what_was_filmed_while_it_was_played_which_changes_no_row(run, suite, finished_folder):
     pages, counts = [], []
 
     def on_numbers(outcome):
@@ -40,11 +46,34 @@ def test_the_report_is_written_before_the_first_video_and_again_after_the_last(r
         pages.append((run.folder / "report.html").read_text())
         counts.append(len(videos_of(run)))
 
-    outcome = run(suite(), media=True, observers=[observer(on_numbers=on_numbers)])
-    assert counts == [0]
+    outcome = run(suite(), media=None, observers=[observer(on_numbers=on_numbers)])
+    assert counts == [2]  # the first episode of each policy
+    assert pages[0].count("data:video/mp4") == 2
+    assert outcome.document.rows_hash == read_run(finished_folder).rows_hash
+    assert {path.suffix for path in (run.folder / "media/videos").iterdir()} == {".mp4"}
+
+
+def test_the_report_is_written_before_further_videos_and_again_after_them(finished, suite):
+    run, path, pages = finished, suite(), []
+    pages.append((run.folder / "report.html").read_text())
+    outcome = run(path, media=True)
     assert "data:video/mp4" not in pages[0]
     assert (run.folder / "report.html").read_text().count("data:video/mp4") == 2
     assert 0 < outcome.document.media_s < 60
+
+
+def test_an_episode_whose_video_fails_is_played_all_the_same(tmp_path, monkeypatch):
+    def broken(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("robogauntlet.orchestrator.episodes.video_recorder.video_writer", broken)
+    cell = Cell("oracle", "d", "null/Reach", Protocol(60))
+    lease = Lease(cell, (0, 1))
+    runner = EpisodeRunner({"oracle": PolicySource("oracle", {})})
+    rows = [*job_of_workers(tmp_path)(runner, lease)]
+    assert [row.status for row in rows] == ["success", "success"]
+    assert list(map(outcome_row, rows)) == list(map(outcome_row, job_of_workers(None)(runner, lease)))
+    assert not list(tmp_path.rglob("*.mp4"))
 
 
 def test_videos_take_a_share_of_the_playing_time_and_those_left_out_are_counted(finished, suite, monkeypatch):
@@ -68,6 +97,7 @@ def test_videos_take_a_share_of_the_playing_time_and_those_left_out_are_counted(
 def test_no_simulator_is_started_for_videos_that_cannot_start_it_in_their_time(run, suite, monkeypatch):
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run.MEDIA_SHARE", 0.01)
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run.FIRST_FAILURES_S", 0.0)
+    monkeypatch.setattr("robogauntlet.orchestrator.replay.media.job_of_workers", lambda folder: EpisodeRunner.play)
     outcome = run(suite(), media=None)
     assert outcome.document.media_left_out == 2
     assert outcome.document.media_s <= 0.01 * outcome.document.elapsed_s
