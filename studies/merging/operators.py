@@ -1,6 +1,6 @@
 """Every way of merging beside the experts' quantised copies: bytes per task against success, at equal precision.
 
-The suite `operators` in the weights' own types, and its merges again with all that they store at 4 and 3 bits.
+The suite `operators` in the weights' own types, and its merges again with all that they store at 8, 4 and 3 bits.
 `RUN=FOLDER QUANTISED=FOLDER python -m studies merging --measure operators` reads a run of the suite, or several of
 different seeds separated by colons, and plays the merges with few bits into a folder, or what it lacks of them.
 """
@@ -28,7 +28,7 @@ from studies.tables import WRITTEN, episodes_of, write_episodes
 
 EXPERTS, JOINT, UNMERGED = "experts", "joint", "none"
 COPIES = "copies, not merged"
-BITS, FEWEST = (4, 3), 2
+BITS, FEWEST = (8, 4, 3), 2
 """Bits per entry of merges and copies, and of copies alone."""
 SEEDS = 20
 DRAWN = {
