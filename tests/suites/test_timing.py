@@ -61,6 +61,12 @@ def test_what_is_no_timing_is_refused_with_what_was_expected(stated, message):
         read_timing(stated)
 
 
+def test_a_latency_of_the_command_line_that_is_none_is_one_line(run_command):
+    refused = run_command("plan", "smoke", "--latency", "soon").refusal
+    assert refused.startswith("--latency: expected waits, 80ms, 80-140ms (median and 95th percentile)")
+    assert refused.endswith("got 'soon'")
+
+
 def test_a_suite_says_where_its_timing_is_wrong():
     with pytest.raises(SuiteError, match=r"timing: .*expected waits, 80ms"):
         loaded(SUITE + "timing: soon\n")

@@ -161,9 +161,9 @@ def sentences(found: Latency) -> Iterator[str]:
 def _blocks(found: Latency, page: Page) -> Iterator[Block]:
     if found.timing is not None:
         yield Paragraph(f"Answers take time in all episodes of this run: {found.timing}.")
-    yield Sentences(tuple(sentences(found)))
     modes = tuple(dict.fromkeys(one.mode for one in found.curves))
     if modes:
+        yield Sentences(tuple(sentences(found)))
         yield Legend(tuple(dict.fromkeys(one.policy for one in found.curves)))
         yield Charts(tuple(_chart(mode, found.curves) for mode in modes))
         yield Table(curve_table(found.curves), "Success by the latency of answers")
