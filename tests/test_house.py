@@ -50,13 +50,13 @@ PLAYS = {
 LONGEST = 400
 BUDGETS = {
     "orchestrator": 23_358,
-    "adapters": 10_420,
-    "policies": 8_812,
+    "adapters": 10_438,
+    "policies": 8_942,
     "mergevla": 9_389,
     "results": 16_086,
     "suites": 3_047,
     "src/robogauntlet": 983,
-    "tests": 53_622,
+    "tests": 53_630,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

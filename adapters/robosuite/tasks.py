@@ -102,6 +102,17 @@ TASKS[name_with("TwoArmPegInHole", TWO_PANDAS)] = TaskDescription(
     robot=TWO_PANDAS,
     arms=2,
 )
+TASKS[name_with("TwoArmTransport", TWO_PANDAS)] = TaskDescription(
+    "take the lid off, put the red cube into the other bin, and hand the hammer over into the bin where the cube was",
+    horizon=700,
+    fixed={
+        "arm": "two arms start together",
+        "objects": "each arm reaches its own bins",
+        "table": "there are two tables",
+    },
+    robot=TWO_PANDAS,
+    arms=2,
+)
 HELD = {"Wipe": "WipingGripper", "TwoArmPegInHole": None}
 """Tasks whose arms have no gripper, to robosuite's name of the tool in its place, if it is one."""
 BY_JOINT_CONTROL = {DROID: ("Lift", "Stack"), "UR5e": ("Lift", "Stack"), TWO_PANDAS: ("TwoArmLift",)}
@@ -160,6 +171,13 @@ PARTS = {
         sites={"handle0": "pot_handle0", "handle1": "pot_handle1"},
     ),
     "TwoArmPegInHole": Parts(bodies={"peg": "peg_main", "plate": "hole_main"}, marks={"second_base": "robot1_base"}),
+    "TwoArmTransport": Parts(
+        bodies={"hammer": "payload_root", "trash": "trash_main", "lid": "transport_start_bin_lid_root"},
+        marks={
+            "second_base": "robot1_base",
+            **{f"{name}_bin": f"transport_{name}_bin_root" for name in ("start", "target", "trash")},
+        },
+    ),
     "Wipe": Parts(),
     "TwoArmHandover": Parts(bodies={"hammer": "hammer_root"}, marks={"second_base": "robot1_base"}),
     "PickPlace": Parts(

@@ -25,6 +25,7 @@ _SCRIPT_MODULES: Mapping[str, tuple[str, ...]] = {
     "gymnasium": (),
     "libero": (),
     "two_arms": ("maniskill_motion", "robosuite", "joints"),
+    "transport": ("two_arms", "maniskill_motion", "robosuite", "joints"),
     "so101": (),
     "aloha": ("joints", "two_arms", "maniskill_motion", "robosuite"),
 }

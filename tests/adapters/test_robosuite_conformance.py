@@ -14,6 +14,7 @@ OTHERS = (
     "PickPlaceCan",
     "Wipe",
     "TwoArmPegInHole@TwoPandas",
+    "TwoArmTransport@TwoPandas",
     *BY_JOINTS,
 )
 IN_BINS = ("objects-box", "objects-move", "table-props", "table-paint", "table-height")
@@ -28,7 +29,8 @@ MAY_SKIP = {
     *(f"Door:{check}" for check in ("table-height", "table-props", "table-paint", "axis-table", "axis-distractors")),
     *(f"PickPlaceCan:{check}" for check in IN_BINS),
     *(f"{task}:{check}" for task in OTHERS if task.startswith("TwoArm") for check in OF_ONE_ARM),
-    *(f"TwoArmPegInHole@TwoPandas:{check}" for check in WITHOUT_TABLE),
+    *(f"TwoArm{task}@TwoPandas:{check}" for task in ("PegInHole", "Transport") for check in WITHOUT_TABLE),
+    "TwoArmTransport@TwoPandas:goal",
     *(f"Wipe:{check}" for check in OF_DIRT),
     *(f"{task}:{check}" for task in ("Wipe", "TwoArmPegInHole@TwoPandas") for check in ("goal", "camera-place")),
 }

@@ -67,6 +67,12 @@ def test_the_oracle_hands_the_hammer_over():
 
 
 @pytest.mark.simulator
+@pytest.mark.nightly
+def test_the_oracle_clears_the_bin_and_brings_the_hammer_into_it():
+    assert None not in steps_to_success(SIMULATOR, "TwoArmTransport@TwoPandas", [2])
+
+
+@pytest.mark.simulator
 def test_the_oracle_puts_the_peg_through_the_hole_with_arms_that_have_no_gripper():
     assert None not in steps_to_success(SIMULATOR, "TwoArmPegInHole@TwoPandas", [0, 1])
 
