@@ -64,7 +64,7 @@ def measure() -> list[dict[str, Any]]:
     frame = play_policies(folder, "latency", policies, TASKS, SEEDS, EPISODE, conditions)
     write_episodes("latency", frame, ("policy", "task", "axis", "severity", "seed"))
     rows = rows_of(frame)
-    draw(rows, WRITTEN / "latency.svg")
+    draw(rows, WRITTEN / "success-by-latency.svg")  # docs/images/latency.svg
     table_of(rows, COLUMNS)
     return rows
 
