@@ -19,13 +19,16 @@ from studies.tables import episodes_of, write_episodes
 COPIES, SIGNS = {"operator": "none", "masks": "none"}, {"operator": "magnitude", "masks": "signs", "rounds": 2}
 WAYS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "experts": ("copies, not merged", "own types", {}),
+    "none-8": ("copies, not merged", "8", {**COPIES, "options": {"bits": 8}}),
     "none-4": ("copies, not merged", "4", {**COPIES, "options": {"bits": 4}}),
     "none-3": ("copies, not merged", "3", {**COPIES, "options": {"bits": 3}}),
     "magnitude-2-routed": ("two bits of magnitudes", "own types", SIGNS),
     "magnitude-2-4": ("two bits of magnitudes", "4", {**SIGNS, "bits": 4}),
+    "ties-published-s": ("TIES+S, top 20 % as published", "own types", {"operator": "ties-published"}),
+    "ties-published-s-4": ("TIES+S, top 20 % as published", "4", {"operator": "ties-published", "bits": 4}),
 }
 """Names, titles, bits and recipes. Own types: 16 and 32-bit numbers."""
-NEW, STATES = ("none-3", "magnitude-2-4"), 10
+NEW, STATES = ("none-8", "none-3", "magnitude-2-4", "ties-published-s-4"), 10
 """Those that are played here, on the first stored states of each task; the others have twenty."""
 COLUMNS = {
     "way": "{title}",
