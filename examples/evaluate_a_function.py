@@ -14,11 +14,11 @@ TASK = "pybullet/PandaReach-v3"
 # %% A policy, from pixels alone. The camera was measured in 150 pictures of other seeds.
 def act(images: dict[str, np.ndarray], proprioception: np.ndarray, instruction: str) -> np.ndarray:
     """Move the tool to the red ball, four actions at a time."""
-    camera = np.array([1.2529, 0.3445, 0.505])  # its place (m); then its right, below and ahead
+    camera = np.array([1.2529, 0.3445, 0.505])  # place (m), right, below, ahead
     axes = np.array([[-0.0148, 0.0311, 0.0004], [0.0141, 0.0073, -0.0305], [-0.0402, -0.0205, -0.0229]])
     tool, picture = proprioception[:3], images["third_person"].astype(float)
     red = picture[..., 0] - picture[..., 1:].max(axis=2) > 60
-    if red.sum() < 10:  # hidden by the hand
+    if red.sum() < 10:  # hidden
         step = 0.03 * (tool - camera) / np.linalg.norm(tool - camera)
     else:
         down, right = np.argwhere(red).mean(axis=0) / len(red) - 0.5

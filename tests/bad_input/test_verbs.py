@@ -128,7 +128,7 @@ TYPED = {
     "list runs --suite syntetic": "no run of a suite 'syntetic'; did you mean 'synthetic'?",
     f"list runs --history postgresql+psycopg://u:{SECRET}@127.0.0.1:1/db": "u:***@127.0.0.1:1/db: connection failed",
     "compare --all nope": "no run of a suite 'nope'; known: synthetic",
-    "compare --gate --all": "expected one of --gate, --all, --accept, got --gate and --all",
+    "compare --gate --all": "expected one of --gate, --all, --accept, --latency, got --gate and --all",
     "compare --all synthetic --margin 0.1": "--margin: expected without --all",
     "compare runs/monday --imported": "--imported: expected with --all",
     "compare --all synthetic --format markdown": "--format markdown: expected text or json with --all",
