@@ -136,8 +136,11 @@ def play_policies(
     columns: Sequence[str],
     conditions: Sequence[str] = ("clean",),
     first: int = 0,
+    **keys: object,
 ) -> pd.DataFrame:
     """Play policies (name to kind and options) on seeds of tasks from `first` on, or what the folder lacks of it.
+
+    Args: `keys` are further keys of the suite.
 
     Returns:
         A row per episode with these columns.
@@ -150,6 +153,7 @@ def play_policies(
         "image_size": 96,
         "render_profile": "fast-2",
         "conditions": list(conditions),
+        **keys,
     }
     suite, run = folder / "suites" / f"{name}.yaml", folder / "played" / name
     suite.parent.mkdir(parents=True, exist_ok=True)

@@ -89,13 +89,16 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
         simulators = sorted({task.partition("/")[0] for task in own["task"]}) if policy == "experts" else []
         for simulator in ("all", *simulators):
             inside = own if simulator == "all" else own[own["task"].str.startswith(f"{simulator}/")]
-            rows += [_row(inside, policy, simulator, axis) for axis in MODES]
+            rows += [row_of(inside, policy, simulator, axis) for axis in MODES]
     return rows
 
 
-def _row(inside: pd.DataFrame, policy: str, simulator: str, axis: str) -> dict[str, Any]:
+def row_of(
+    inside: pd.DataFrame, policy: str, simulator: str, axis: str, played: Sequence[int] = LEVELS
+) -> dict[str, Any]:
+    """The row of a policy in a mode, from its episodes; those levels were played."""
     clean = inside[inside["axis"] == "clean"]
-    levels = {0: clean, **{level: inside[(inside["axis"] == axis) & (inside["severity"] == level)] for level in LEVELS}}
+    levels = {0: clean, **{level: inside[(inside["axis"] == axis) & (inside["severity"] == level)] for level in played}}
     row: dict[str, Any] = {"policy": policy, "simulator": simulator, "mode": MODES[axis]}
     for level, found in levels.items():
         won, count = int(found["won"].sum()), int(found["won"].count())
