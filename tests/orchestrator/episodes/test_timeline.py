@@ -17,6 +17,7 @@ from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec, St
 from robogauntlet.results.record import WAITING, EpisodeResult, outcome_row
 from robogauntlet.suites.episode import Condition, Episode, Protocol, View
 from robogauntlet.suites.timing import Timing, TimingMode
+from tests.orchestrator.runs.playing import SUITE, play
 
 SPEC = open_simulation("null/Reach", View()).action_spec
 MODES = {TimingMode.HOLD: "latency", TimingMode.CONTINUE: "latency-continue", TimingMode.BLEND: "latency-blend"}
@@ -192,3 +193,14 @@ def test_any_schedule_of_answers_is_played_as_a_clock_of_single_steps_plays_it(m
         if len(executed) >= 60:
             break
     assert executed[:60] == reference(mode, lengths, delays, replan_every, 60)
+
+
+@pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
+def test_the_number_of_workers_changes_no_row(tmp_path):
+    hashes = []
+    for workers in (1, 3):
+        file = tmp_path / f"{workers}.yaml"
+        file.write_text(SUITE.replace("workers: 1", f"workers: {workers}") + "timing: continue:80-140ms\n")
+        hashes.append(play(file, tmp_path / str(workers)).document.rows_hash)
+    assert hashes[0] == hashes[1] is not None
