@@ -16,7 +16,7 @@ FIELDS = ("task", "seed", "status", "steps")
 SUITE = """
 name: further-oracles
 policies: [oracle]
-tasks: ["metaworld/*", "gymnasium/*", "so101/*"]
+tasks: ["metaworld/*", "gymnasium/Fetch*", "gymnasium/Panda*", "so101/*"]
 seeds: {start: 0, count: 20}
 cameras: [third_person]
 """
