@@ -24,7 +24,7 @@ def videos_folder(folder: Path) -> Path:
 
 
 def begun_folder(folder: Path) -> Path:
-    """Return the folder of unfinished videos while a run plays, and of marks of what is filmed."""
+    """Return the folder of unfinished videos while a run plays."""
     return videos_folder(folder) / ".begun"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,6 @@ class ManiSkillLights:
         self._own = [(lamp.color, lamp.entity_pose) for lamp in self._system.lights]
         self._key = int(np.argmax([np.sum(colour) for colour, _ in self._own]))
         self._changed = False
-        self._own_light = self.light()
 
     def undo(self) -> None:
         """Restore the light."""
@@ -40,6 +40,11 @@ class ManiSkillLights:
             self._shine(np.ones(3))
             self._key_lamp.entity_pose = self._own[self._key][1]
             self._changed = False
+
+    @cached_property
+    def _own_light(self) -> Light:
+        """The light before the first change. It is computed then, since it imports colour science."""
+        return self.light()
 
     def light(self) -> Light:
         """Return the present light of the key lamp, from SAPIEN."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from typing import Any
 
@@ -121,6 +121,11 @@ class EnvironmentResolver:
             return {"env_vars": variables}
         variables["PYTHONPATH"] = import_path()
         return {"env_vars": variables, "py_executable": str(environment.python)}
+
+    def shared_variables(self, simulators: Iterable[str]) -> dict[str, str]:
+        """The environment variables that all processes have that open one of the simulators."""
+        variables = [set(worker_environment(catalog.find(name), self._config).items()) for name in simulators]
+        return dict(set.intersection(*variables)) if variables else {}
 
     def subprocess_env(self, simulator: Simulator) -> tuple[str, dict[str, str]]:
         """Interpreter and environment variables of a process that opens the simulator.

@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.adapters.contract import AdapterError, Simulation, SimulatorUnavailable, TaskUnavailable
@@ -189,6 +190,12 @@ class EpisodeRunner:
         with suppress(Exception):  # the policy may be what raised
             if episode.policy in self._policies:
                 self._policies[episode.policy].finish([episode])
+
+
+Job = Callable[[EpisodeRunner, Lease], Iterator[Any]]
+"""Plays a lease and yields a result for each episode, in order. Pickled and sent to each worker.
+
+It raises AdapterError or PolicyError if the lease's task cannot be played at all."""
 
 
 def _describe(error: BaseException) -> str:

@@ -43,6 +43,8 @@ _head: ClusterHead | None = None
 """The head of the cluster that this process has joined."""
 _folder: SessionFolder | None = None
 """The folder of the Ray that was started here."""
+_given: Mapping[str, str] = {}
+"""The variables that its processes have from its start."""
 _VITAL = ("raylet", "gcs_server")
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
@@ -61,18 +63,19 @@ class NoRoom(Exception):
 
 
 @contextlib.contextmanager
-def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
+def ray_session(*, address: str | None, workers: int, variables: Mapping[str, str] | None = None) -> Iterator[None]:
     """Run Ray during the block. If this process has already started Ray, that is used and left running.
 
     Args:
         address: Cluster to join, or None to start Ray on this machine, reachable from this machine only.
         workers: Number of worker processes that must run at once. On one machine they share its cores if necessary.
+        variables: Environment variables that all processes of a Ray started here have.
 
     Raises:
         NoCluster: Nothing answers at the address.
         RayLost: Ray could not be started on this machine.
     """
-    global _head, _folder
+    global _head, _folder, _given
     if _has_ray():  # whose variables its further processes need
         yield
         return
@@ -92,6 +95,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         try:
             if address is None:
                 _folder = _new_folder()
+                _given = {**(variables or {}), "TMPDIR": str(_folder.temporary)}
             _start(address, workers)
             if address is not None:
                 _head = ClusterHead(ray.get_runtime_context().gcs_address)
@@ -101,7 +105,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
             has_died = True
             raise
         finally:
-            folder, _head, _folder = _folder, None, None
+            folder, _head, _folder, _given = _folder, None, None, {}
             try:
                 ray.shutdown()
             finally:
@@ -169,7 +173,7 @@ def _start(address: str | None, workers: int) -> None:
     children = set(psutil.Process().children(recursive=True))
     try:
         with (
-            _environment(_hidden() if address is None else {}),
+            _environment({**_hidden(), **_given} if address is None else {}),
             # Its own handlers exit with another code, and would be in force for the seconds of the start.
             replaced("_private.utils", "set_sigterm_handler", lambda _: None),
         ):
@@ -292,10 +296,12 @@ def temporary_folder() -> Path | None:
 def in_session(runtime_env: Mapping[str, Any]) -> dict[str, Any]:
     """A `runtime_env` of Ray whose processes have no secrets, and keep temporary files in the session's folder.
 
-    The Ray that was started here has no secrets; another hands its own on.
+    The Ray that was started here has no secrets and gives its processes that folder; another hands its own secrets on.
+    A process without a `runtime_env` starts sooner: where Ray sets one up, Python starts twice.
     """
-    more = dict.fromkeys(SECRETS, "") if _folder is None else {"TMPDIR": str(_folder.temporary)}
-    return {**runtime_env, "env_vars": {**more, **runtime_env["env_vars"]}}
+    more = dict.fromkeys(SECRETS, "") if _folder is None else {}
+    variables = {name: value for name, value in runtime_env["env_vars"].items() if _given.get(name) != value}
+    return {**runtime_env, "env_vars": more | variables} if more or variables or len(runtime_env) > 1 else {}
 
 
 def _dead_parts() -> dict[str, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -16,10 +16,9 @@ import numpy as np
 
 from robogauntlet.adapters.contract import AdapterError, Simulation
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner, Job
 from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.episodes.rollout import Watcher
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder, encode_png
 from robogauntlet.orchestrator.ray_runtime.session import temporary_folder
 from robogauntlet.orchestrator.replay.first_observation import first_observation
@@ -34,11 +33,8 @@ from robogauntlet.orchestrator.replay.media_selection import (
 from robogauntlet.orchestrator.replay.replay import NotReplayed, replay, replay_rows
 from robogauntlet.results.media_paths import begun_folder, picture_path, snapshot_path, video_path, videos_folder
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.suites.episode import Episode
+from robogauntlet.suites.episode import Cell, Episode
 from robogauntlet.support.files import write_whole
-
-Job = Callable[[EpisodeRunner, Lease], Iterator[Any]]
-"""As that of a worker pool."""
 
 
 @dataclass(frozen=True)
@@ -51,74 +47,78 @@ class MediaResult:
     """A line about what went wrong, if anything."""
 
 
-def job_of_workers(folder: Path | None) -> Job:
-    """What the workers of a run do with their leases.
+def episodes_to_film(work: Iterable[tuple[Cell, Sequence[int]]]) -> frozenset[str]:
+    """Ids of one episode of each policy in each simulator, of cells and their seeds: the second, or the only one.
+
+    The first row of a run does not wait for a video.
+    """
+    chosen: dict[tuple[str, str], str] = {}
+    for cell, seeds in work:
+        if seeds:
+            chosen.setdefault((cell.simulator, cell.policy_digest), cell.episode(seeds[min(1, len(seeds) - 1)]).id)
+    return frozenset(chosen.values())
+
+
+def job_of_workers(folder: Path, filmed: Collection[str]) -> Job:
+    """What the workers of a run do with their leases: they film episodes while they play them.
 
     Args:
-        folder: The run folder, if they have it at hand and are to film the first episode of each policy in each
-            simulator there. What cannot be filmed is played all the same.
+        folder: The run folder, which they have at hand.
+        filmed: Ids of the episodes. What cannot be filmed is played all the same.
     """
-    return EpisodeRunner.play if folder is None else partial(_play_lease, folder=folder.absolute())
+    return partial(_play_lease, folder=folder.absolute(), filmed=filmed) if filmed else EpisodeRunner.play
 
 
 def end_filming(folder: Path) -> None:
-    """Remove unfinished videos, and the marks of what was filmed."""
+    """Remove unfinished videos."""
     shutil.rmtree(begun_folder(folder), ignore_errors=True)
 
 
-def _play_lease(runner: EpisodeRunner, lease: Lease, *, folder: Path) -> Iterator[EpisodeResult]:
-    return runner.play(lease, partial(_play_filmed, runner, folder))
+def _play_lease(
+    runner: EpisodeRunner, lease: Lease, *, folder: Path, filmed: Collection[str]
+) -> Iterator[EpisodeResult]:
+    def play_one(episode: Episode) -> EpisodeResult:
+        return _play_filmed(runner, folder, episode) if episode.id in filmed else runner.play_one(episode)
+
+    return runner.play(lease, play_one)
 
 
 def _play_filmed(runner: EpisodeRunner, folder: Path, episode: Episode) -> EpisodeResult:
-    if not _is_first(folder, episode):
-        return runner.play_one(episode)
-    begun, results, watcher = begun_folder(folder) / f"{episode.id}.mp4", [], None
-    with suppress(Exception), VideoRecorder(begun, steps=episode.protocol.horizon) as recorder:
-        watcher = _CarefulWatcher(recorder)
-        results.append(runner.play_one(episode, watcher))
-    result = results[0] if results else runner.play_one(episode)
-    if begun.exists() and watcher is not None and watcher.problem is None and result.status != Status.ERROR:
+    begun = begun_folder(folder) / f"{episode.id}.mp4"
+    with _CarefulRecorder(VideoRecorder(begun, steps=episode.protocol.horizon)) as film:
+        result = runner.play_one(episode, film)
+    if film.problem is None and begun.exists() and result.status != Status.ERROR:
         with suppress(OSError):
             if result.attempts == 1:
                 begun.replace(video_path(folder, episode.id))
-            if recorder.first is not None and not (picture := picture_path(folder, episode.task)).exists():
+            if film.recorder.first is not None and not (picture := picture_path(folder, episode.task)).exists():
                 picture.parent.mkdir(parents=True, exist_ok=True)
-                write_whole(picture, encode_png(recorder.first))
+                write_whole(picture, encode_png(film.recorder.first))
     return result
 
 
-def _is_first(folder: Path, episode: Episode) -> bool:
-    """Whether no episode of its policy in its simulator was filmed before, by whichever worker."""
-    mark = begun_folder(folder) / f"{episode.simulator}-{episode.policy_digest}"
-    if mark in _MARKED:
-        return False
-    _MARKED.add(mark)
-    try:
-        mark.parent.mkdir(parents=True, exist_ok=True)
-        mark.touch(exist_ok=False)
-    except OSError:  # another worker was first, or the folder cannot be written
-        return False
-    return True
-
-
-_MARKED: set[Path] = set()
-"""Marks that this process has seen."""
-
-
-class _CarefulWatcher:
+class _CarefulRecorder:
     """A watcher that stops at its first exception, since no episode may fail for its video."""
 
-    def __init__(self, watcher: Watcher) -> None:
-        self._watcher = watcher
+    def __init__(self, recorder: VideoRecorder) -> None:
+        self.recorder = recorder
         self.problem: Exception | None = None
 
     def __call__(self, simulation: Simulation, step: int) -> None:
         if self.problem is None:
             try:
-                self._watcher(simulation, step)
+                self.recorder(simulation, step)
             except Exception as problem:  # ffmpeg is missing, a full disk, a renderer
                 self.problem = problem
+
+    def __enter__(self) -> _CarefulRecorder:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        try:
+            self.recorder.__exit__(*error)
+        except Exception as problem:
+            self.problem = self.problem or problem
 
 
 def pending_media(
@@ -136,10 +136,10 @@ def pending_media(
     """
     files = {path.stem for path in videos_folder(folder).glob("*.mp4")}
     recorded = {shared_by(row) for row in rows() if row.episode_id in files} if files else set()
-    groups = (representative_episodes(rows()), new_failures(rows, evaluated), others)
+    groups = (representative_episodes(rows(), files), new_failures(rows, evaluated), others)
     ordered = [row for group in groups for row in recording_order(group)]
     videos = {shared_by(row): row for row in ordered}
-    failures = [*map(shared_by, first_failures(rows(), evaluated))]
+    failures = [*map(shared_by, first_failures(rows(), evaluated, files))]
     return [
         *(videos[shared] for shared in dict.fromkeys(failures) if shared not in recorded),
         *(item for item in snapshots if not snapshot_path(folder, item.task, item.condition).exists()),

@@ -27,15 +27,20 @@ class Snapshot:
         return self.task.partition("/")[0]
 
 
-def representative_episodes(rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
-    """The first success and the first failure of each policy on each task: clean ones first, then by seed."""
-    return _first(rows, lambda row: (row.task, row.policy, row.status))
+def representative_episodes(rows: Iterable[EpisodeResult], recorded: Collection[str] = ()) -> list[EpisodeResult]:
+    """The first success and the first failure of each policy on each task: clean ones first, then those with a video.
+
+    `recorded` are the ids of episodes with a video.
+    """
+    return _first(rows, lambda row: (row.task, row.policy, row.status), recorded)
 
 
-def first_failures(rows: Iterable[EpisodeResult], policies: Collection[str]) -> list[EpisodeResult]:
-    """The failure of each of these policies, or of all if there are none, that shows most: a clean one, by seed."""
+def first_failures(
+    rows: Iterable[EpisodeResult], policies: Collection[str], recorded: Collection[str] = ()
+) -> list[EpisodeResult]:
+    """The failure of each of these policies, or of all if there are none, that shows most; as above."""
     failures = (row for row in rows if row.status == Status.FAILURE and (not policies or row.policy in policies))
-    return _first(failures, lambda row: (row.policy,))
+    return _first(failures, lambda row: (row.policy,), recorded)
 
 
 def new_failures(rows: Callable[[], Iterable[EpisodeResult]], policies: Collection[str]) -> list[EpisodeResult]:
@@ -94,9 +99,11 @@ def condition_snapshots(cells: Iterable[Cell], seed: int) -> list[Snapshot]:
     return list(snapshots)
 
 
-def _first(rows: Iterable[EpisodeResult], group: Callable[[EpisodeResult], tuple[str, ...]]) -> list[EpisodeResult]:
-    def order(row: EpisodeResult) -> tuple[int, str, int, str]:
-        return row.severity, row.axis, row.seed, row.task
+def _first(
+    rows: Iterable[EpisodeResult], group: Callable[[EpisodeResult], tuple[str, ...]], recorded: Collection[str] = ()
+) -> list[EpisodeResult]:
+    def order(row: EpisodeResult) -> tuple[int, str, bool, int, str]:
+        return row.severity, row.axis, row.episode_id not in recorded, row.seed, row.task
 
     selected: dict[tuple[str, ...], EpisodeResult] = {}
     for row in rows:

@@ -196,33 +196,35 @@ class RunSession(Observer):
         """Play this work and all further rounds. Raises as `Scheduler.run`."""
         import_ray()
         from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, start_servers
-        from robogauntlet.orchestrator.replay.media import end_filming, job_of_workers
+        from robogauntlet.orchestrator.replay.media import end_filming, episodes_to_film, job_of_workers
         from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
         from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
         from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 
         suite, per_simulator = self._plan.suite, self._run.document.workers
+        names = {cell.simulator for cell, _ in work}
         scheduling = SchedulerOptions(
             workers=per_simulator or room_for_workers,
             episode_time_limit_s=suite.episode_time_limit_s,
             allowed_errors=int(suite.error_tolerance * self._plan.episodes),
             resources=suite.resources,
         )
-        fixed = sum(per_simulator.get(name, 0) for name in {cell.simulator for cell, _ in work})
-        self._ray.enter_context(ray_session(address=self._options.address, workers=fixed))
+        fixed = sum(per_simulator.get(name, 0) for name in names)
+        variables = self._plan.environments.shared_variables(names)
+        self._ray.enter_context(ray_session(address=self._options.address, workers=fixed, variables=variables))
         workers = fixed or room_for_workers()
         sources = self._sources()
         place = choose_inference(sources, self._plan.cells, suite.inference, workers, self._observers.on_line)
         self._update(inference=place, shared_workers=None if per_simulator else workers)
         servers = start_servers(sources, suite.inference) if place == "served" else []
         films = self._options.media is not False and self._options.address is None
+        job = job_of_workers(self._place.folder, episodes_to_film(work) if films else ())
         self._ray.callback(end_filming, self._place.folder)
         while work:
-            job = job_of_workers(self._place.folder if films else None)
             pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments, job)
             queues = work_queues(work, suite.max_attempts)
-            sink, start_s = self._place.add, self._start_s
-            Scheduler(queues, pool, scheduling, sink=sink, observer=self._observers, start_s=start_s).run()
+            sink = self._place.add
+            Scheduler(queues, pool, scheduling, sink=sink, observer=self._observers, start_s=self._start_s).run()
             before, work = work, self._remaining_work() if suite.adaptive or self._rounds else []
             if work == before:  # the remaining episodes cannot be played here
                 break
@@ -320,16 +322,14 @@ class RunSession(Observer):
         share_s = math.inf if self._options.media else MEDIA_SHARE * self._run.document.elapsed_s
         attempted, end = False, self._began + share_s - self._run.document.media_s
         if share_s < FIRST_FAILURES_S and self._run.document.media_s == 0.0:
-            evaluated = self._evaluated()
-            shown = {shared_by(row) for row in first_failures(self._place.store.results(), evaluated)}
+            shown = {shared_by(row) for row in first_failures(self._place.store.results(), self._evaluated())}
             first = [item for item in missing if isinstance(item, EpisodeResult) and shared_by(item) in shown]
             attempted = self._record(first, self._began + FIRST_FAILURES_S)
             missing = [item for item in missing if item not in first]
         attempted = self._record(missing, end) or attempted
         if attempted:
-            taken = format_duration(time.monotonic() - self._began)
             recorded = counted(total - self._left_out, "video or snapshot", "videos and snapshots")
-            self._observers.on_line(f"recorded {recorded} in {taken}")
+            self._observers.on_line(f"recorded {recorded} in {format_duration(time.monotonic() - self._began)}")
         return total > 0
 
     def _record(self, missing: Sequence[Snapshot | EpisodeResult], end: float) -> bool:

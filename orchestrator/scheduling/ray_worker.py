@@ -6,14 +6,14 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import psutil
 import ray
 
 from robogauntlet.adapters.contract import AdapterError
-from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner, Job
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.ray_policy_server import served_policies
@@ -21,11 +21,6 @@ from robogauntlet.orchestrator.scheduling.worker_pool import Unavailable
 from robogauntlet.suites.episode import View
 from robogauntlet.support.errors import describe
 from robogauntlet.support.garbage_collection import collector_paused
-
-Job = Callable[[EpisodeRunner, Lease], Iterator[Any]]
-"""Plays a lease and yields a result for each episode, in order. Pickled and sent to each worker.
-
-It raises AdapterError or PolicyError if the lease's task cannot be played at all."""
 
 
 @ray.remote

@@ -15,7 +15,7 @@ from ray.exceptions import RayActorError, RayError, RayTaskError
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner, Job
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement, placed_on
@@ -28,7 +28,7 @@ from robogauntlet.orchestrator.ray_runtime.session import (
     workers_that_fit,
 )
 from robogauntlet.orchestrator.scheduling import worker_pool
-from robogauntlet.orchestrator.scheduling.ray_worker import Job, Worker
+from robogauntlet.orchestrator.scheduling.ray_worker import Worker
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.resources import Resources

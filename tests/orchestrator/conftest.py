@@ -12,14 +12,16 @@ from tests import ROOT
 
 @pytest.fixture(scope="session")
 def ray_here():
+    from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
     from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
 
+    variables = EnvironmentResolver().shared_variables(["null"])  # which its workers then need not set up
     with contextlib.ExitStack() as stack:
         with pytest.MonkeyPatch.context() as patch:  # workers import functions of tests
             patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])))
             for last in (False, False, True):  # on a busy machine, Ray's own 30 s to start may not be enough
                 try:
-                    stack.enter_context(ray_session(address=None, workers=3))
+                    stack.enter_context(ray_session(address=None, workers=3, variables=variables))
                     break
                 except RayLost:
                     if last:

@@ -10,13 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime.private_names import private, replaced
 from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
     free_resources,
+    in_session,
     keep_token,
     ray_session,
     room_for_workers,
+    temporary_folder,
     workers_that_fit,
 )
 from tests.processes import run_process
@@ -158,3 +161,20 @@ def test_a_session_in_another_leaves_the_variables_by_which_processes_join(ray_h
     with ray_session(address=None, workers=1):
         assert dict(os.environ) == before
     assert before["RAY_AUTH_MODE"] == "token"
+
+
+def test_a_process_whose_variables_ray_was_started_with_is_not_set_up_and_has_them(ray_here):
+    import ray
+
+    given = EnvironmentResolver().shared_variables(["null", "pybullet"])
+    assert in_session({"env_vars": given}) == {}
+    assert in_session({"env_vars": {**given, "MUJOCO_GL": "egl"}}) == {"env_vars": {"MUJOCO_GL": "egl"}}
+    names = ("TMPDIR", *given)
+    found = ray.get(ray.remote(num_cpus=0)(lambda: [os.environ.get(name) for name in names]).remote())
+    assert found == [str(temporary_folder()), *given.values()]
+
+
+def test_simulators_share_the_variables_that_do_not_differ():
+    assert EnvironmentResolver().shared_variables(["robosuite"])["MUJOCO_GL"] == "egl"
+    assert "MUJOCO_GL" not in EnvironmentResolver().shared_variables(["robosuite", "pybullet"])
+    assert EnvironmentResolver().shared_variables([]) == {}

@@ -5,7 +5,7 @@ import pytest
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.replay.media import job_of_workers
+from robogauntlet.orchestrator.replay.media import episodes_to_film, job_of_workers
 from robogauntlet.results.record import outcome_row
 from robogauntlet.results.run_document import RunStatus, read_run
 from robogauntlet.suites.episode import Cell, Protocol
@@ -14,11 +14,11 @@ from tests.orchestrator.runs.playing import observer
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 
 
-def test_videos_of_a_success_and_a_failure_are_recorded_by_replay(run, suite):
+def test_a_success_and_a_failure_have_one_video_each_that_was_filmed_while_they_were_played(run, suite):
     outcome = run(suite(), media=True)
     videos = {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
     rows = {row.episode_id: (row.policy, row.status, row.seed) for row in run.rows()}
-    assert sorted(rows[video] for video in videos) == [("oracle", "success", 0), ("random", "failure", 0)]
+    assert sorted(rows[video] for video in videos) == [("oracle", "success", 1), ("random", "failure", 1)]
     assert (run.folder / "media/pictures/null__Reach.png").exists()
     assert outcome.warnings == []
 
@@ -47,7 +47,9 @@ def test_the_first_report_has_what_was_filmed_while_it_was_played_which_changes_
         counts.append(len(videos_of(run)))
 
     outcome = run(suite(), media=None, observers=[observer(on_numbers=on_numbers)])
-    assert counts == [2]  # the first episode of each policy
+    assert counts == [2]  # the second episode of each policy, since the first row waits for no video
+    rows = {row.episode_id: row.seed for row in run.rows()}
+    assert {rows[video] for video in videos_of(run)} == {1}
     assert pages[0].count("data:video/mp4") == 2
     assert outcome.document.rows_hash == read_run(finished_folder).rows_hash
     assert {path.suffix for path in (run.folder / "media/videos").iterdir()} == {".mp4"}
@@ -70,9 +72,10 @@ def test_an_episode_whose_video_fails_is_played_all_the_same(tmp_path, monkeypat
     cell = Cell("oracle", "d", "null/Reach", Protocol(60))
     lease = Lease(cell, (0, 1))
     runner = EpisodeRunner({"oracle": PolicySource("oracle", {})})
-    rows = [*job_of_workers(tmp_path)(runner, lease)]
+    filmed = episodes_to_film([(cell, lease.seeds)])
+    rows = [*job_of_workers(tmp_path, filmed)(runner, lease)]
     assert [row.status for row in rows] == ["success", "success"]
-    assert list(map(outcome_row, rows)) == list(map(outcome_row, job_of_workers(None)(runner, lease)))
+    assert list(map(outcome_row, rows)) == list(map(outcome_row, job_of_workers(tmp_path, ())(runner, lease)))
     assert not list(tmp_path.rglob("*.mp4"))
 
 
@@ -97,7 +100,7 @@ def test_videos_take_a_share_of_the_playing_time_and_those_left_out_are_counted(
 def test_no_simulator_is_started_for_videos_that_cannot_start_it_in_their_time(run, suite, monkeypatch):
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run.MEDIA_SHARE", 0.01)
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run.FIRST_FAILURES_S", 0.0)
-    monkeypatch.setattr("robogauntlet.orchestrator.replay.media.job_of_workers", lambda folder: EpisodeRunner.play)
+    monkeypatch.setattr("robogauntlet.orchestrator.replay.media.job_of_workers", lambda *_: EpisodeRunner.play)
     outcome = run(suite(), media=None)
     assert outcome.document.media_left_out == 2
     assert outcome.document.media_s <= 0.01 * outcome.document.elapsed_s
