@@ -86,10 +86,7 @@ def compare_unpaired(
     )
     tasks = tuple(_contrast([one], one, alpha, task) for task, one in counts.items())
     errors = [int((rows["status"] == str(Status.ERROR)).sum()) for _, rows in (first, second)]
-    alone = (
-        len(first[1]) - errors[0] - whole.first_trials,
-        len(second[1]) - errors[1] - whole.second_trials,
-    )
+    alone = (len(first[1]) - errors[0] - whole.first_trials, len(second[1]) - errors[1] - whole.second_trials)
     size, other = whole.first_trials, whole.second_trials
     shares = (one.first_trials * other == one.second_trials * size for one in counts.values())
     overall = _contrast(list(counts.values()), whole, alpha)

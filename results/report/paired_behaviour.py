@@ -6,12 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from robogauntlet.results.analysis.failures import KINDS, OUTCOMES
-from robogauntlet.results.analysis.paired_behaviour import (
-    LEAST_PAIRS,
-    BehaviourComparison,
-    MeasureLine,
-    OutcomeChange,
-)
+from robogauntlet.results.analysis.paired_behaviour import LEAST_PAIRS, BehaviourComparison, MeasureLine, OutcomeChange
 from robogauntlet.results.report.formatting import TextTable, count, counted, p_value
 
 NAMES = {
@@ -67,13 +62,7 @@ def tables(found: BehaviourComparison | None, first: str, second: str) -> list[T
 def measure_table(found: BehaviourComparison) -> TextTable:
     """The measures in the pairs in which both succeeded."""
     rows = tuple(
-        (
-            NAMES[line.measure][0],
-            count(line.pairs),
-            difference(line),
-            p_value(line.p),
-            p_value(line.adjusted),
-        )
+        (NAMES[line.measure][0], count(line.pairs), difference(line), p_value(line.p), p_value(line.adjusted))
         for line in found.measures
     )
     return TextTable(("both succeed", "start states", "median difference", "p", "adjusted p"), rows, 1)

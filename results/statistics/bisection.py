@@ -66,12 +66,7 @@ class Bisection:
 
 
 def bisect_checkpoints(
-    last: int,
-    play: Play,
-    *,
-    alpha: float = ALPHA,
-    batch: int = BATCH,
-    most_seeds: int = MOST_SEEDS,
+    last: int, play: Play, *, alpha: float = ALPHA, batch: int = BATCH, most_seeds: int = MOST_SEEDS
 ) -> Bisection:
     """Find the first checkpoint that is worse than checkpoint 0 by at least half of the difference of the ends.
 

@@ -78,9 +78,7 @@ _by_suite = sa.Index("robogauntlet_runs_by_suite", runs.c.suite, runs.c.started_
 _by_time = sa.Index("robogauntlet_runs_by_time", runs.c.started_at)
 _by_status = sa.Index("robogauntlet_runs_by_status", runs.c.status, runs.c.started_at)
 _judged = sa.Index(
-    "robogauntlet_runs_judged",
-    *(runs.c.started_at, runs.c.suite),
-    sqlite_where=runs.c.verdict.is_not(None),
+    "robogauntlet_runs_judged", *(runs.c.started_at, runs.c.suite), sqlite_where=runs.c.verdict.is_not(None)
 )
 """Finds the latest verdicts without reading documents."""
 _by_policy = sa.Index("robogauntlet_cells_by_policy", cells.c.policy, cells.c.run_id)

@@ -62,10 +62,7 @@ def test_other_numbers_of_arms_than_one_and_two_are_refused(arms):
     ("body", "says"),
     [
         ({"velocities": True}, "^velocities: expected joints beside it, found none$"),
-        (
-            {"joints": ("a", "gripper")},
-            "^joints: .* none of an action of a tool, found 'gripper'$",
-        ),
+        ({"joints": ("a", "gripper")}, "^joints: .* none of an action of a tool, found 'gripper'$"),
         ({"joints": ("a", "a")}, "^joints: expected a name for each, .* found 'a'$"),
         ({"native": ("x",), "joints": ("a",)}, "^native: expected no joints and one arm beside it$"),
         ({"native": ("x",), "arms": 2}, "^native: expected no joints and one arm beside it$"),

@@ -24,10 +24,7 @@ from tests.adapters.goals import check_goal
 from tests.jobs import mostly_nightly
 from tests.processes import run_process
 
-pytestmark = [
-    pytest.mark.simulator,
-    pytest.mark.apart("libero"),
-]
+pytestmark = [pytest.mark.simulator, pytest.mark.apart("libero")]
 DRAWER = "spatial-4-in-top-drawer-wooden-cabinet"
 """Fixtures, one of which starts open."""
 FLOOR = "object-0-alphabet-soup"

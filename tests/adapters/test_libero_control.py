@@ -7,10 +7,7 @@ from robogauntlet.adapters.libero import SIMULATOR
 from robogauntlet.suites.episode import RenderProfile, View
 from tests.adapters.control_steps import alternating, check_compiled, ours, played, robosuites
 
-pytestmark = [
-    pytest.mark.simulator,
-    pytest.mark.apart("libero"),
-]
+pytestmark = [pytest.mark.simulator, pytest.mark.apart("libero")]
 
 
 @pytest.fixture(scope="module", params=["spatial-4-in-top-drawer-wooden-cabinet", "goal-8-put-bowl-on-plate"])

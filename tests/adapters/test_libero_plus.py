@@ -19,10 +19,7 @@ from robogauntlet.adapters.user_assets import variable
 from robogauntlet.suites.episode import CAMERAS, View
 from tests.errors import one_line_error
 
-pytestmark = [
-    pytest.mark.simulator,
-    pytest.mark.apart("libero", "liberoplus"),
-]
+pytestmark = [pytest.mark.simulator, pytest.mark.apart("libero", "liberoplus")]
 OWN = "goal-4-put-bowl-on-top-cabinet"
 SEED, SIZE = 0, 64
 

@@ -239,8 +239,7 @@ def test_a_placed_arm_leaves_the_cameras_without_the_table_of_reflections(push, 
     push.reset(0)
     scenes = []
     monkeypatch.setattr(
-        "robogauntlet.adapters.maniskill.dynamics.omit_reflections",
-        lambda env: scenes.append(env.scene.sub_scenes[0]),
+        "robogauntlet.adapters.maniskill.dynamics.omit_reflections", lambda env: scenes.append(env.scene.sub_scenes[0])
     )
     state = push.privileged_state()
     push.scene_controls.arm.place_tool(state["tcp_position"] + [0.03, 0.05, 0.03], state["tcp_quaternion"])

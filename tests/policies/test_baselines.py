@@ -16,11 +16,7 @@ from robogauntlet.suites.episode import Cell, Episode, Protocol
 from tests.errors import one_line_error
 
 JOINTS = ActionSpec(0.0, 0.0, 20.0, joints=(Joint("first", -0.5, 2.0, 0.1), Joint("second", 1.0, 1.5, 0.1)))
-BODIES = {
-    "one arm": ActionSpec(0.05, 0.1, 20.0),
-    "two arms": ActionSpec(0.05, 0.1, 20.0, arms=2),
-    "joints": JOINTS,
-}
+BODIES = {"one arm": ActionSpec(0.05, 0.1, 20.0), "two arms": ActionSpec(0.05, 0.1, 20.0, arms=2), "joints": JOINTS}
 ACTIONS = {
     ("zero", "one arm"): "aaae73cea5bf4bb0",
     ("zero", "two arms"): "de13ffbe728d3ab8",

@@ -197,10 +197,7 @@ def test_a_module_that_fails_hides_none_of_its_name_in_another_folder(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        (
-            "def f():\n    return 3\n",
-            r"expected a function of images, proprioception, instruction, .* got int without",
-        ),
+        ("def f():\n    return 3\n", r"expected a function of images, proprioception, instruction, .* got int without"),
         (
             "class f:\n    pass\n",
             r"a class with __call__\(self, images, proprioception, instruction\), .* got f without",

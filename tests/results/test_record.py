@@ -43,15 +43,7 @@ def test_fields_are_outcome_or_telemetry_and_only_some_may_be_none():
     described = describe_fields()
     routing = {"inferred_task", "routing_scores", "unknown_score", "rejected"}
     answers = {"query_p50_s", "query_p95_s", "query_max_s"}
-    optional = {
-        *routing,
-        *answers,
-        *BEHAVIOUR,
-        *LATER,
-        "delivered",
-        "delivered_statistics",
-        "error",
-    }
+    optional = {*routing, *answers, *BEHAVIOUR, *LATER, "delivered", "delivered_statistics", "error"}
     assert {name for name in FIELDS if described[name][1]} == optional
 
 

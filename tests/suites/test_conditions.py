@@ -7,12 +7,7 @@ from hypothesis import given, strategies as st
 
 from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.conditions import (
-    condition_patterns,
-    read_axis,
-    read_condition,
-    read_severities,
-)
+from robogauntlet.suites.conditions import condition_patterns, read_axis, read_condition, read_severities
 from robogauntlet.suites.designs import DesignEntry
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition, Episode, Perturbation, Protocol
 from robogauntlet.suites.schema import ConditionEntry

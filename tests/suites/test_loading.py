@@ -189,10 +189,10 @@ def test_a_suite_lists_policies_or_needs_one(problems, tmp_path):
     free = SOUND.replace("policies: [oracle]", "needs: policy")
     assert load(tmp_path, free).policies == ()
     assert problems(free.replace("robosuite/Lift", "robosuite/Lfit")) == [
-        "3: unknown task 'robosuite/Lfit'; did you mean 'robosuite/Lift'?",
+        "3: unknown task 'robosuite/Lfit'; did you mean 'robosuite/Lift'?"
     ]
     assert problems(SOUND + "needs: policy\n") == [
-        "2: 'oracle': expected none but those of oracle_gate and no_skill_baselines beside needs: policy",
+        "2: 'oracle': expected none but those of oracle_gate and no_skill_baselines beside needs: policy"
     ]
     assert load(tmp_path, SOUND + "needs: policy\noracle_gate: oracle\n").reference_policies == ("oracle",)
     assert problems(SOUND.replace("policies: [oracle]\n", "")) == ["1: missing key 'policies'"]

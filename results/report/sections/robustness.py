@@ -5,13 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robogauntlet.results.analysis.condition_comparison import ConditionComparison, Interaction
-from robogauntlet.results.analysis.robustness import (
-    COLUMNS,
-    PolicyCurve,
-    Robustness,
-    build_robustness,
-    is_perturbed,
-)
+from robogauntlet.results.analysis.robustness import COLUMNS, PolicyCurve, Robustness, build_robustness, is_perturbed
 from robogauntlet.results.report import condition_comparison as compared, robustness as words
 from robogauntlet.results.report.blocks import (
     Block,

@@ -14,13 +14,7 @@ from robogauntlet_mergevla.checkpoints.merge_experts import Merging, merge_exper
 from robogauntlet_mergevla.checkpoints.merged_checkpoint import load_merged, save_merged
 from robogauntlet_mergevla.checkpoints.merged_metadata import merged_digest_of
 from robogauntlet_mergevla.checkpoints.merged_model import MergedModel
-from robogauntlet_mergevla.checkpoints.metadata import (
-    METADATA_FILE,
-    WEIGHTS,
-    CheckpointError,
-    digest_of,
-    hash_tensors,
-)
+from robogauntlet_mergevla.checkpoints.metadata import METADATA_FILE, WEIGHTS, CheckpointError, digest_of, hash_tensors
 from robogauntlet_mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
 from tests.errors import one_line_error
 from tests.mergevla.checkpoints.test_expert_checkpoint import Exploding, rewrite

@@ -22,10 +22,7 @@ def test_a_sound_file_says_where_its_tensors_are():
     content = stored({"__metadata__": {"format": "pt"}, "b": entry(8, 20, [3]), "a": entry(0, 8, [1, 2])}, bytes(20))
     start = len(content) - 20
     read = read_header(io.BytesIO(content), len(content))
-    assert read == {
-        "a": StoredTensor("F32", [1, 2], start, 8),
-        "b": StoredTensor("F32", [3], start + 8, 12),
-    }
+    assert read == {"a": StoredTensor("F32", [1, 2], start, 8), "b": StoredTensor("F32", [3], start + 8, 12)}
 
 
 UNSOUND = {

@@ -5,13 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robogauntlet_mergevla.network.normalisation import (
-    Quantiles,
-    Statistics,
-    StatisticsError,
-    TaskStatistics,
-    padded,
-)
+from robogauntlet_mergevla.network.normalisation import Quantiles, Statistics, StatisticsError, TaskStatistics, padded
 from tests.errors import one_line_error
 from tests.mergevla.shared import some_statistics
 

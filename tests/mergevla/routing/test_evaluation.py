@@ -9,12 +9,7 @@ import pytest
 from robogauntlet_mergevla.routing.catalog import NAMES, UNFITTED, router
 from robogauntlet_mergevla.routing.contract import RoutingError
 from robogauntlet_mergevla.routing.demonstrations import RouterTrainingSet
-from robogauntlet_mergevla.routing.evaluation import (
-    all_routers,
-    evaluate_routers,
-    leave_one_out,
-    unknown_tasks,
-)
+from robogauntlet_mergevla.routing.evaluation import all_routers, evaluate_routers, leave_one_out, unknown_tasks
 from robogauntlet_mergevla.routing.features import FeatureSpec
 from robogauntlet_mergevla.routing.fitted_router import fit_centroids
 from robogauntlet_mergevla.routing.gaussian import fit

@@ -101,7 +101,7 @@ def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folde
     assert "null-Reach: 6 episodes into run" in first.out
     written = yaml.safe_load((folder / "run" / "suite.yaml").read_text())
     assert written["policies"] == [
-        {"name": "python-mine-act", "kind": "python", "options": {"callable": "mine:act", "folder": str(folder)}},
+        {"name": "python-mine-act", "kind": "python", "options": {"callable": "mine:act", "folder": str(folder)}}
     ]
     assert written["conditions"] == ["clean", {"axis": "noise", "severities": [2, 4]}]
     assert {(row.axis, row.severity) for row in rows_of(folder / "run")} == {("clean", 0), ("noise", 2), ("noise", 4)}

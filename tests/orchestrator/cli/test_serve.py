@@ -79,10 +79,7 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
     taken = socket.create_server(("127.0.0.1", 0))
     port = taken.getsockname()[1]
     for arguments, match in (
-        (
-            ("untraned",),
-            "the folder of a checkpoint or a kind of policy; got 'untraned'; did you mean 'untrained'?",
-        ),
+        (("untraned",), "the folder of a checkpoint or a kind of policy; got 'untraned'; did you mean 'untrained'?"),
         (("zoo:mergd",), "expected the name of a shipped checkpoint after 'zoo:'"),
         (("zero", "--host", "0.0.0.0"), "--host 0.0.0.0: expected a token in ROBOGAUNTLET_TOKEN"),
         (("zero", "--port", port), f"cannot listen on 127.0.0.1:{port}: "),

@@ -73,19 +73,12 @@ def test_an_address_that_is_none_is_refused(address):
 
 def test_what_answers_at_an_address_and_is_no_head_is_refused(monkeypatch):
     monkeypatch.setattr(cluster, "ASK_S", 0.5)
-    with (
-        speaking(answering({})) as address,
-        pytest.raises(NoCluster, match="something else answers there"),
-    ):
+    with speaking(answering({})) as address, pytest.raises(NoCluster, match="something else answers there"):
         check_address(address.removeprefix("ws://"))
 
 
 @pytest.mark.parametrize(
-    ("address", "says"),
-    [
-        ("auto", "that runs on this machine, found none"),
-        ("{}", "something else answers there"),
-    ],
+    ("address", "says"), [("auto", "that runs on this machine, found none"), ("{}", "something else answers there")]
 )
 def test_a_command_without_its_cluster_is_one_line_and_leaves_no_folder(
     tmp_path, run_command, monkeypatch, listening, address, says

@@ -121,10 +121,7 @@ print([child.name() for child in psutil.Process().children()])
 @pytest.mark.ray
 def test_a_ray_that_does_not_start_is_lost_and_leaves_no_process():
     done = subprocess.run([sys.executable, "-c", FAILING], check=True, capture_output=True, text=True, timeout=120)
-    assert done.stdout.splitlines()[-2:] == [
-        "Ray did not start: The current node timed out during startup.",
-        "[]",
-    ]
+    assert done.stdout.splitlines()[-2:] == ["Ray did not start: The current node timed out during startup.", "[]"]
 
 
 @pytest.mark.ray

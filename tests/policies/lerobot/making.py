@@ -52,12 +52,7 @@ def make(kind, folder, size=SIZE):
             "num_steps": 2,
             "resize_imgs_with_padding": (64, 64),
         },
-        "pi05": {
-            "chunk_size": 6,
-            "n_action_steps": 3,
-            "num_inference_steps": 2,
-            "image_resolution": (56, 56),
-        },
+        "pi05": {"chunk_size": 6, "n_action_steps": 3, "num_inference_steps": 2, "image_resolution": (56, 56)},
     }
     if kind == "smolvla":
         language.write_vision_language_model(folder.parent / "vlm")

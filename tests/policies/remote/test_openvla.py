@@ -109,11 +109,7 @@ BAD = {
     "words": (says(["left"]), {}, "expected numbers as 'action', got list of type"),
     "nothing": (says(None), {}, "expected numbers as 'action', got list of type object"),
     "a key": (says({"actions": [0]}), {}, "expected 'action' in the answer, got actions; set option actions"),
-    "keys": (
-        says([0.0]),
-        {"actions": ["arm", "hand"]},
-        "expected a mapping with arm, hand, got an array; leave out",
-    ),
+    "keys": (says([0.0]), {"actions": ["arm", "hand"]}, "expected a mapping with arm, hand, got an array; leave out"),
     "an array": (says((200, json.dumps(ARRAY))), {}, "expected an array of type float64 and shape .*, got 3 bytes"),
     "objects": (says((200, json.dumps(ARRAY | {"dtype": "|O"}))), {}, "expected an array of numbers or text, got type"),
     "base64": (says((200, json.dumps(ARRAY | {"__numpy__": 5}))), {}, "expected an array's bytes in base64"),

@@ -3,25 +3,23 @@
 from contextlib import closing
 from dataclasses import replace
 from itertools import combinations
+from operator import attrgetter
+from random import Random
 
 import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
 
-from robogauntlet.results.analysis.leaderboard import (
-    COLUMNS,
-    PolicyEpisodes,
-    compact_letters,
-    leaderboard,
-)
+from robogauntlet.results.analysis.comparison import Difference, setting_differences
+from robogauntlet.results.analysis.leaderboard import COLUMNS, PolicyEpisodes, compact_letters, leaderboard
 from robogauntlet.results.newest_results import latest_results_per_policy
 from robogauntlet.results.run_document import Provenance
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
-from robogauntlet.suites.episode import SuccessRule
-from tests.results.synthetic import cells, document, row, run_folder
+from robogauntlet.suites.episode import Condition, SuccessRule, content_hash
+from tests.results.synthetic import cells, columns_of, document, row, run_folder
 
 
 @st.composite
@@ -128,6 +126,36 @@ def test_runs_that_are_not_comparable_with_the_newest_are_left_out_with_the_reas
         found = list(latest_results_per_policy(history, "synthetic", messages.append))
     assert [(one.policy, one.run) for one in found] == [("p", "new"), *([] if reason else [("q", "old")])]
     assert [one.startswith(f"old is left out: {reason}") for one in messages] == ([True] if reason else [])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_read_of_runs_gives_the_leaderboard_of_all_their_rows(tmp_path, seed):
+    plan = cells(("p", "q", "r"), ("null/Reach", "null/Lift"), (Condition(), Condition("blur", 2)))
+    generator, messages, stored = Random(seed), [], []
+    with closing(History.open(file_url(tmp_path / "history.sqlite"))) as history:
+        for day in range(4):
+            states = generator.choice(["s", "s", "s", "st", ["s", ""]])
+            of = [cell for cell in plan if generator.random() < 0.6]
+            rows = [_drawn(generator, cell, number, states) for cell in of for number in range(4)]
+            run = document(4, plan, run_id=f"run-{day}", started_at=1e9 + day)
+            record_run_folder(history, run_folder(tmp_path / run.run_id, run, rows), run)
+            stored.insert(0, (run, columns_of(sorted(rows, key=lambda one: one.policy), COLUMNS)))
+        found = list(latest_results_per_policy(history, "synthetic", messages.append))
+    expected, reasons, first = {}, [], stored[0]
+    for run, rows in stored:
+        wanted = {"p", "q", "r"} - expected.keys()
+        sides = [one[one["status"] != "error"].drop_duplicates("pair_id") for one in (first[1], rows)]
+        why = setting_differences(first[0], run, sides[0].merge(sides[1], on="pair_id", suffixes=("", "_before")))
+        reasons += [why[Difference.WORLD]] if why and wanted else []
+        own = {} if why else {name: rows[rows["policy"] == name] for name in sorted(wanted & set(rows["policy"]))}
+        expected |= {n: PolicyEpisodes(n, content_hash(n), run.run_id, run.started_at, of) for n, of in own.items()}
+    assert [one.partition("newest run: ")[2] for one in messages] == reasons
+    assert leaderboard(sorted(found, key=attrgetter("policy"))) == leaderboard([expected[n] for n in sorted(expected)])
+
+
+def _drawn(generator, cell, number, states):
+    status = generator.choice(["success", "failure", "error"])
+    return row(cell, number, status, **({} if status == "error" else {"state_hash": generator.choice(states)}))
 
 
 def test_without_rates_the_leaderboard_is_empty():

@@ -70,7 +70,7 @@ def test_policies_are_compared_on_separate_trials_and_the_prediction_is_measured
     assert [one.overall.difference.value for one in found.separate] == pytest.approx([0.5, -0.2, 0.0])
     agreement = found.agreement
     assert [(one.policy, one.first.value, one.second.value) for one in agreement.policies] == [
-        *(("a", 0.9, 0.4), ("b", 0.5, 0.7), ("c", 0.1, 0.1)),
+        *(("a", 0.9, 0.4), ("b", 0.5, 0.7), ("c", 0.1, 0.1))
     ]
     # Deviations from the means: 0.4, 0, -0.4 and 0, 0.3, -0.3.
     assert agreement.pearson == pytest.approx(0.12 / math.sqrt(0.32 * 0.18))

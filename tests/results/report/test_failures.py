@@ -85,10 +85,7 @@ def test_a_bar_is_filled_by_all_episodes():
     found = built()
     for bar in failures.outcome_bars(found, found.policies[0]).bars:
         assert sum(segment.width for segment in bar.segments) == pytest.approx(100, abs=0.01)
-    assert [segment.text for segment in bar.segments] == [
-        "unsafe: 6 of 20 episodes",
-        "not-reached: 14 of 20 episodes",
-    ]
+    assert [segment.text for segment in bar.segments] == ["unsafe: 6 of 20 episodes", "not-reached: 14 of 20 episodes"]
 
 
 def test_every_outcome_has_a_colour_and_every_kind_a_phrase():

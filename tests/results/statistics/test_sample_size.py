@@ -121,10 +121,7 @@ def test_the_detectable_difference_is_the_smallest_with_the_power():
 
 @pytest.mark.parametrize(("discordance", "difference"), [(0.1, 0.2), (0.1, 0.0), (1.1, 0.2)])
 def test_impossible_shares_are_refused(discordance, difference):
-    for call in (
-        lambda: mcnemar_power(10, discordance, difference),
-        lambda: pairs_for_power(discordance, difference),
-    ):
+    for call in (lambda: mcnemar_power(10, discordance, difference), lambda: pairs_for_power(discordance, difference)):
         with pytest.raises(ValueError, match="expected 0 < difference <= discordance <= 1"):
             call()
     with pytest.raises(ValueError, match="expected a rate in"):

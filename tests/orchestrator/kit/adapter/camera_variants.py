@@ -6,10 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.scene_control import SceneControls
-from robogauntlet.orchestrator.kit.template.adapter.robogauntlet_toysim.cameras import (
-    OWN_VIEWPOINTS,
-    ToysimCameras,
-)
+from robogauntlet.orchestrator.kit.template.adapter.robogauntlet_toysim.cameras import OWN_VIEWPOINTS, ToysimCameras
 from tests.orchestrator.kit.adapter.variants import Variant
 
 

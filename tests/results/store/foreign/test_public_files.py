@@ -16,11 +16,7 @@ DATA = ROOT / "tests" / "data" / "public_results"
 BOOK = "LIBEROBenchmark_libero_10/pick up the book and place it in the back compartment of the caddy"
 STOVE = "LIBEROBenchmark_libero_10/turn on the stove and put the moka pot on it"
 SQUARE, ROUND = "trials/Square stick 3.0 x 22 cm", "trials/Held-out object: round stick 3.0 x 24 cm"
-DEX3, RETARGETED, TUNED = (
-    "Original-Dex-hand-task-Dex3",
-    "Brainco-retargeting-only",
-    "Brainco-retargeting-fine-tuning",
-)
+DEX3, RETARGETED, TUNED = ("Original-Dex-hand-task-Dex3", "Brainco-retargeting-only", "Brainco-retargeting-fine-tuning")
 ASSEMBLY, MICROWAVE = "trials/Two pair assembly", "trials/bimanual_microwave_cook"
 AS_HANDOVER = {"stage_name": "policy", "configuration": "task"}
 AS_AGENTS = {"agent": "policy", "perturbation": "task"}
