@@ -50,8 +50,8 @@ PLAYS = {
 LONGEST = 400
 BUDGETS = {
     "orchestrator": 23_378,
-    "adapters": 10_443,
-    "policies": 8_942,
+    "adapters": 10_450,
+    "policies": 9_077,
     "mergevla": 9_389,
     "results": 16_086,
     "suites": 3_047,

@@ -245,7 +245,8 @@ class RobosuiteSimulation(MujocoSimulation):
         has its own: `can_goal_*`, `square_nut_*`, `square_peg_*` and so on. TwoArmLift: `pot_*`, `handle0_*` and
         `handle1_*` (`handle0` is for the first arm), `second_base_*`. TwoArmHandover: `hammer_*` (the middle of its
         handle, whose z axis points at the head), `second_base_*`. TwoArmPegInHole: `peg_*` (its axis is z), `plate_*`
-        (whose normal is z), `second_base_*`. Wipe: `dirt_places` (n, 3) and `dirt_wiped` (n,), 1 or 0.
+        (whose normal is z), `second_base_*`. Wipe: `dirt_places` (n, 3) and `dirt_wiped` (n,), 1 or 0. ToolHang:
+        `frame_*`, `wrench_*` (the middle of its handle), `stand_*`.
         """
         state = self.arm_state() | self._poses({name: p for name, p in self._places.items() if name != "tcp"})
         state |= {name: joint.qpos.copy() for name, joint in self._angles.items()}

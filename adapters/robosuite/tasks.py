@@ -59,6 +59,11 @@ WITH_PANDA = {
         horizon=200,
         fixed={"objects": "dirt lies where each seed draws its line", "dynamics": "no object is moved"},
     ),
+    "ToolHang": TaskDescription(
+        "put the frame into the stand and hang the wrench on its hook",
+        horizon=700,
+        fixed={"objects": "frame and wrench lie side by side, each as it is grasped"},
+    ),
     "PickPlace": TaskDescription("put all four objects into their compartments of the bin", 1000, fixed=_IN_BINS),
     "NutAssembly": TaskDescription("put both nuts on their pegs", 600, fixed=_AT_PEGS),
 }
@@ -179,6 +184,7 @@ PARTS = {
         },
     ),
     "Wipe": Parts(),
+    "ToolHang": Parts(bodies={"frame": "frame_root", "wrench": "tool_root", "stand": "stand_root"}),
     "TwoArmHandover": Parts(bodies={"hammer": "hammer_root"}, marks={"second_base": "robot1_base"}),
     "PickPlace": Parts(
         bodies={name.lower(): f"{name}_main" for name in GOODS},

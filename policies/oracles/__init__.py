@@ -26,6 +26,7 @@ _SCRIPT_MODULES: Mapping[str, tuple[str, ...]] = {
     "libero": (),
     "two_arms": ("maniskill_motion", "robosuite", "joints"),
     "transport": ("two_arms", "maniskill_motion", "robosuite", "joints"),
+    "tool_hang": ("robosuite", "joints"),
     "so101": (),
     "aloha": ("joints", "two_arms", "maniskill_motion", "robosuite"),
 }

@@ -388,10 +388,12 @@ def script_of(name: str, task: TaskDescription, by_task: Mapping[str, Callable[[
     return partial(Slower, by_task[first]) if other_arm and task.arms == 1 else by_task[first]
 
 
-def tasks_of_arms(arms: int) -> Mapping[str, TaskDescription]:
-    """Return robosuite's tasks of this number of arms, by name; none where it is not declared."""
+def scripts_of(arms: int, by_task: Mapping[str, Callable[[], Script]]) -> dict[str, Callable[[], Script]]:
+    """Return the scripts of robosuite's tasks of this number of arms; none where it is not declared."""
     simulator = simulators().get("robosuite")
-    return {name: task for name, task in (simulator.tasks.items() if simulator else ()) if task.arms == arms}
+    known = {name: task for name, task in (simulator.tasks.items() if simulator else ()) if task.arms == arms}
+    chosen = {name: task for name, task in known.items() if name.partition(AT)[0] in by_task}
+    return {f"robosuite/{name}": script_of(name, task, by_task) for name, task in chosen.items()}
 
 
-SCRIPTS = {f"robosuite/{name}": script_of(name, task, BY_TASK) for name, task in tasks_of_arms(1).items()}
+SCRIPTS = scripts_of(1, BY_TASK)

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from robogauntlet.adapters.contract import ARM_PREFIXES, FloatArray
 from robogauntlet.policies.oracles.maniskill_motion import CUBE, go_turned, lean_at, leaning
 from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance, pointing_down, yaw_of
-from robogauntlet.policies.oracles.robosuite import UP, go, script_of, tasks_of_arms, tool_yaw
-from robogauntlet.suites.episode import AT
+from robogauntlet.policies.oracles.robosuite import UP, go, scripts_of, tool_yaw
 
 
 class TwoArmLift:
@@ -299,11 +298,7 @@ BY_TASK: Mapping[str, Callable[[], Script]] = {
 }
 """robosuite's tasks to their scripts."""
 SCRIPTS: Mapping[str, Callable[[], Script]] = {
-    **{
-        f"robosuite/{name}": script_of(name, task, BY_TASK)
-        for name, task in tasks_of_arms(2).items()
-        if name.partition(AT)[0] in BY_TASK
-    },
+    **scripts_of(2, BY_TASK),
     "maniskill/TwoRobotPickCube-v1@TwoPandas": HandOver,
     "maniskill/TwoRobotStackCube-v1@TwoPandas": StackTogether,
 }

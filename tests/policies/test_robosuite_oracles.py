@@ -16,7 +16,7 @@ pytestmark = pytest.mark.simulator
 NOW = ["Lift", "Stack", "Door", "NutAssembly", "PickPlaceCan"]
 
 
-@pytest.mark.parametrize("task", mostly_nightly(sorted(set(WITH_PANDA) - {"PickPlace"}), NOW))
+@pytest.mark.parametrize("task", mostly_nightly(sorted(set(WITH_PANDA) - {"PickPlace", "ToolHang"}), NOW))
 @pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2, 3], marks=pytest.mark.nightly)], ids=str)
 def test_the_oracle_succeeds_within_the_horizon(task, seeds):
     assert None not in steps_to_success(SIMULATOR, task, seeds, noises=(0.0, 0.1))
@@ -24,6 +24,10 @@ def test_the_oracle_succeeds_within_the_horizon(task, seeds):
 
 def test_the_oracle_puts_all_objects_into_their_compartments_where_its_fingers_have_room():
     assert None not in steps_to_success(SIMULATOR, "PickPlace", [0])
+
+
+def test_the_oracle_stands_the_frame_and_hangs_the_wrench_on_it():  # Noise moves its tip by more than the hole's play.
+    assert None not in steps_to_success(SIMULATOR, "ToolHang", [0])
 
 
 def test_a_nut_that_fell_beside_its_peg_is_taken_again():
