@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import inspect
 from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
+from functools import partial
 from typing import Any
 
 
@@ -33,6 +36,18 @@ def replaced(module: str, name: str, value: Any) -> Iterator[None]:
         yield
     finally:
         setattr(place, name, before)
+
+
+def without_monitors() -> AbstractContextManager[None]:
+    """Let `ray.init` start neither an autoscaler nor a monitor of logs during the block; nothing here uses them.
+
+    Both are parameters of Ray that `ray.init` does not offer. Where they have other names, Ray starts its monitors.
+    """
+    parameters = private("_private.parameter", "RayParams")
+    fewer = {"no_monitor": True, "include_log_monitor": False}
+    if parameters is None or not fewer.keys() <= inspect.signature(parameters).parameters.keys():
+        return contextlib.nullcontext()
+    return replaced("_private.parameter", "RayParams", partial(parameters, **fewer))
 
 
 class _NoFolders(list[str]):

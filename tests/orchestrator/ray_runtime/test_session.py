@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.ray_runtime.private_names import private, replaced
+from robogauntlet.orchestrator.ray_runtime.private_names import private, replaced, without_monitors
 from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
     free_resources,
@@ -30,6 +30,8 @@ def test_a_ray_without_the_private_names_is_used_by_its_public_ones(monkeypatch)
     nodes = [{"NodeID": "a", "Alive": True, "Resources": {"CPU": 2.0}}, {"NodeID": "b", "Alive": False}]
     monkeypatch.setattr("ray.nodes", lambda: nodes)
     assert free_resources() == {"a": {"CPU": 2.0}}
+    with without_monitors():
+        pass
     with replaced("_private.utils", "set_sigterm_handler", None):
         assert private("_private.utils", "set_sigterm_handler") is None
 
@@ -75,10 +77,12 @@ with ray_session(address=None, workers=1):
     actor = ray.remote(collections.Counter).remote()
     ray.get(actor.total.remote())
     listening = listening_addresses(psutil.Process())
+    parts = [part.cmdline() for part in psutil.Process().children(recursive=True)]
     utils.publish_error_to_driver("node", "Raylet is terminated", gcs_client=worker.global_worker.gcs_client)
     time.sleep(2)
 same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 found = {"mode": token, "listening": sorted(listening), "environment as before": same}
+found["monitors"] = [part for part in parts if any(word.endswith("monitor.py") for word in part)]
 print(json.dumps(found))
 """
 
@@ -93,6 +97,18 @@ def session():
 def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(session):
     found = json.loads(session.stdout.splitlines()[-1])
     assert (found["mode"], found["listening"], found["environment as before"]) == ("token", ["127.0.0.1"], True)
+
+
+@pytest.mark.ray
+def test_ray_of_one_machine_starts_neither_an_autoscaler_nor_a_monitor_of_logs(session):
+    assert json.loads(session.stdout.splitlines()[-1])["monitors"] == []
+
+
+def test_ray_starts_its_monitors_where_their_parameters_have_other_names(monkeypatch):
+    other = lambda **_: None  # noqa: E731
+    monkeypatch.setattr("ray._private.parameter.RayParams", other)
+    with without_monitors():
+        assert private("_private.parameter", "RayParams") is other
 
 
 @pytest.mark.ray
