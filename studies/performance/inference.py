@@ -5,6 +5,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from studies.percent import few
 from studies.shared import table_of
 
@@ -48,14 +50,17 @@ def measure() -> list[dict[str, Any]]:
     for experts in (1, EXPERTS):
         for size in BATCHES if experts == 1 else BATCHES[1:]:
             batch = queries(size, experts)
-            merged.act(batch)
+            together = merged.act(batch)
+            alone = [merged.act([query])[0] for query in batch]
+            apart = [np.abs(one.actions - other.actions).max() for one, other in zip(together, alone, strict=True)]
             start, chunks = time.perf_counter(), 0
             while (passed := time.perf_counter() - start) < SECONDS:
                 chunks += len(merged.act(batch))
             rate = chunks / passed
             one_by_one = rows[0]["chunks_per_s"] if rows else rate
-            row = {"experts": min(experts, size), "batch": size}
+            row = {"experts": min(experts, size), "batch": size, "equal": apart.count(0.0), "apart": float(max(apart))}
             rows.append({**row, "chunks_per_s": rate, "relative": rate / one_by_one})
     columns = {"experts in the batch": "{experts}", "batch": "{batch}", "chunks/s": "{chunks_per_s:.1f}"}
-    table_of(rows, columns | {"relative to one by one": "{relative:.2f}x"})
+    columns |= {"relative to one by one": "{relative:.2f}x", "chunks equal to the bit": "{equal} of {batch}"}
+    table_of(rows, columns | {"largest difference of an action": "{apart:.1e}"})
     return rows

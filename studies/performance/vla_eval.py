@@ -43,16 +43,30 @@ Played = Mapping[str, Any]
 """An episode: policy, variant or `OURS`, seed, whether it succeeded, steps, and wall and CPU time (s)."""
 
 
-def measure() -> list[dict[str, object]]:
-    """Episodes per hour of both, for each task, policy and number of workers."""
+def harness_python() -> Path:
+    """The interpreter of the harness's environment, which is created if necessary."""
     os.environ["ROBOGAUNTLET_CONFIG"] = os.devnull
     os.environ.setdefault("ROBOGAUNTLET_ENVIRONMENTS", str(Path("runs/bench/environments").absolute()))
     environment = Environment("vla-eval", HARNESS, "the benchmark")
     create(environment, print)
+    return environment.python
+
+
+def harness_variables() -> dict[str, str]:
+    """The environment variables of its processes, which import this source and open any simulator."""
+    variables = {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "src")])}
+    for simulator in catalog.simulators().values():
+        variables |= worker_environment(simulator)
+    return {**os.environ, **variables}
+
+
+def measure() -> list[dict[str, object]]:
+    """Episodes per hour of both, for each task, policy and number of workers."""
+    python = harness_python()
     rows: list[dict[str, object]] = []
     for task in TASKS[: few(len(TASKS), 1)]:
         for workers in (1, 2):
-            for row in compare(play(environment.python, task, workers), workers):
+            for row in compare(play(python, task, workers), workers):
                 rows.append({"task": task, "workers": workers, **row})
                 print(json.dumps(rows[-1]), flush=True)
     columns = {"task": "{task}", "policy": "{policy}", "workers": "{workers}", "vla-eval plays": "{frames}"}
@@ -62,11 +76,8 @@ def measure() -> list[dict[str, object]]:
 
 
 def play(python: Path, task: str, workers: int) -> list[Played]:
-    """Play the seeds of a task in processes of the harness's environment, which import this source."""
-    variables = {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "src")])}
-    for simulator in catalog.simulators().values():
-        variables |= worker_environment(simulator)
-    environment = {**os.environ, **variables}
+    """Play the seeds of a task in processes of the harness's environment."""
+    environment = harness_variables()
     seeds = [[str(seed) for seed in range(first, EPISODES, workers)] for first in range(workers)]
     with ExitStack() as stack:
         processes = [

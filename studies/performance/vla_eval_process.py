@@ -1,6 +1,7 @@
 """Plays seeds by our `rollout` and by vla-evaluation-harness, in the environment of the benchmark `vla_eval`.
 
-Arguments: a task and seeds. Prints a line of JSON for each episode.
+Arguments: a task and seeds. Prints a line of JSON for each episode. Without arguments, it serves the experts of all
+tasks to the harness's own command, prints the address, and ends with its input.
 """
 
 import json
@@ -20,13 +21,14 @@ from vla_eval.model_servers.predict import PredictModelServer
 from vla_eval.protocol.numpy_codec import set_image_format
 from vla_eval.runners.sync_runner import SyncEpisodeRunner
 
+from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Policy, Query
 from robogauntlet.suites.episode import Cell, Episode, Protocol
 from studies.performance.vla_eval import OURS, VARIANTS
-from studies.shared import EXPERT_VIEW, POLICY_OPTIONS, SteppedTask, speed_up
+from studies.shared import EXPERT_VIEW, EXPERTS, POLICY_OPTIONS, TASKS, SteppedTask, speed_up
 
 
 class GauntletTask(StepBenchmark):
@@ -42,7 +44,7 @@ class GauntletTask(StepBenchmark):
 
     def reset(self, task: dict[str, Any]) -> Observation:
         """Start the episode."""
-        return self._stepped.reset(task["seed"])
+        return self._stepped.reset(task["episode_idx"])
 
     def step(self, action: dict[str, Any]) -> StepResult:
         """Step and observe."""
@@ -59,18 +61,37 @@ class GauntletTask(StepBenchmark):
         return {"success": self._stepped.succeeded}
 
 
+class NamedTask(GauntletTask):
+    """A task as the harness's command opens it, with the simulator's own frames and steps; seeds are its episodes."""
+
+    def __init__(self, task: str) -> None:
+        stepped = SteppedTask(task, EXPERT_VIEW)
+        speed_up(stepped.simulation, wanted=False)
+        super().__init__(stepped)
+        self._task = task
+
+    def get_tasks(self) -> list[dict[str, Any]]:
+        """The one task."""
+        return [{"name": self._task}]
+
+    def get_metadata(self) -> dict[str, Any]:
+        """The horizon."""
+        return {"max_steps": self._stepped.horizon}
+
+
 class GauntletPolicy(PredictModelServer):
     """A policy. The server's own buffer holds the rest of a chunk."""
 
-    def __init__(self, policy: Policy, cell: Cell) -> None:
-        super().__init__(chunk_size=cell.protocol.replan_every)
-        self._policy, self._cell = policy, cell
+    def __init__(self, policy: Policy, *cells: Cell) -> None:
+        super().__init__(chunk_size=cells[0].protocol.replan_every)
+        self._policy, self._cells = policy, {cell.task: cell for cell in cells}
         self._episodes: dict[str, Episode] = {}
 
     async def on_episode_start(self, config: dict[str, Any], ctx: Any) -> None:
         """Start the policy's episode."""
         await super().on_episode_start(config, ctx)
-        self._episodes[ctx.session_id] = episode = self._cell.episode(config["task"]["seed"])
+        task = config["task"]
+        self._episodes[ctx.session_id] = episode = self._cells[task["name"]].episode(task["episode_idx"])
         self._policy.reset([episode])
 
     def predict(self, obs: dict[str, Any], ctx: Any) -> dict[str, Any]:
@@ -98,7 +119,7 @@ async def play_harness(stepped: SteppedTask, url: str, line: dict[str, Any]) -> 
     """Play an episode by the harness's runner, as its orchestrator does."""
     async with Connection(url) as connection:
         with timed(**line) as played:
-            task, steps = {"seed": line["seed"]}, stepped.horizon
+            task, steps = {"name": line["task"], "episode_idx": line["seed"]}, stepped.horizon
             await SyncEpisodeRunner().run_episode(GauntletTask(stepped), task, connection, max_steps=steps)
             played |= {"succeeded": stepped.succeeded, "steps": stepped.steps}
 
@@ -111,15 +132,26 @@ def main(task: str, *seeds: str) -> None:
         with serve_background(GauntletPolicy(policy, cell)) as server:
             for seed in map(int, (seeds[0], *seeds)):
                 speed_up(stepped.simulation, wanted=True)
-                with timed(policy=kind, variant=OURS, seed=seed) as played:
+                with timed(task=task, policy=kind, variant=OURS, seed=seed) as played:
                     row = rollout(stepped.simulation, policy, cell.episode(seed))
                     played |= {"succeeded": row.status == "success", "steps": row.steps}
                 for variant, (image_format, own) in VARIANTS.items():
                     set_image_format(image_format)
                     speed_up(stepped.simulation, wanted=own)
-                    anyio.run(play_harness, stepped, server.url, {"policy": kind, "variant": variant, "seed": seed})
+                    line = {"task": task, "policy": kind, "variant": variant, "seed": seed}
+                    anyio.run(play_harness, stepped, server.url, line)
+
+
+def serve() -> None:
+    """Serve the experts of all tasks."""
+    cells = (
+        Cell(EXPERTS, EXPERTS, task, Protocol(task_descriptions()[task].horizon, view=EXPERT_VIEW)) for task in TASKS
+    )
+    with serve_background(GauntletPolicy(load(EXPERTS, POLICY_OPTIONS[EXPERTS]), *cells)) as server:
+        print(server.url, flush=True)
+        sys.stdin.read()
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(*sys.argv[1:]) if sys.argv[1:] else serve()
     os._exit(0)  # skips the end of the interpreter, in which renderers crash
