@@ -35,12 +35,7 @@ def declare(name: str, title: str, mappings: Iterable[type[EnvironmentMapping]],
         title=title,
         tasks={task: _description(mapping) for task, mapping in known.items()},
         open=open_task,
-        **{
-            "modules": ("gymnasium",),
-            "distributions": ("gymnasium",),
-            "environment": {"MUJOCO_GL": "egl"},
-            **more,
-        },
+        **{"modules": ("gymnasium",), "distributions": ("gymnasium",), "environment": {"MUJOCO_GL": "egl"}, **more},
     )
 
 

@@ -23,14 +23,7 @@ from collections.abc import Mapping
 import numpy as np
 from PIL import Image as PillowImage
 
-from robogauntlet.adapters.contract import (
-    Delivered,
-    FloatArray,
-    Image,
-    Observation,
-    StepOutcome,
-    TaskUnavailable,
-)
+from robogauntlet.adapters.contract import Delivered, FloatArray, Image, Observation, StepOutcome, TaskUnavailable
 from robogauntlet.adapters.libero.assets import LIBERO_PLUS
 from robogauntlet.adapters.libero.simulation import LiberoSimulation
 from robogauntlet.adapters.libero_plus.image_noise import SIZE, noisy

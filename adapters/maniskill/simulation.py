@@ -25,15 +25,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import (
-    PICTURE_SIZE,
-    ActionSpec,
-    FloatArray,
-    Image,
-    Motion,
-    Observation,
-    StepOutcome,
-)
+from robogauntlet.adapters.contract import PICTURE_SIZE, ActionSpec, FloatArray, Image, Motion, Observation, StepOutcome
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
 from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras, sensor_of

@@ -42,10 +42,7 @@ TASKS = {
         horizon=100,
         goal=Goal("cube_position", "goal_position", axes="xy", tolerance=0.05, handle="peg_position"),
     ),
-    "PullCubeTool-v1": TaskDescription(
-        "pull the blue cube towards the robot with the tool",
-        horizon=130,
-    ),
+    "PullCubeTool-v1": TaskDescription("pull the blue cube towards the robot with the tool", horizon=130),
     "PlugCharger-v1": TaskDescription(
         "plug the charger into the socket",
         horizon=200,

@@ -18,14 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import (
-    ActionSpec,
-    FloatArray,
-    Image,
-    Motion,
-    SimulatorUnavailable,
-    StepOutcome,
-)
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image, Motion, SimulatorUnavailable, StepOutcome
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.metaworld.tasks import HANDLES, TASKS
 from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts

@@ -6,15 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from robogauntlet.adapters.contract import Goal, Moves, TaskDescription
-from robogauntlet.adapters.robosuite.arms import (
-    ARMS,
-    BY_JOINTS,
-    DROID,
-    MOVED_BY_JOINTS,
-    PANDA,
-    TWO_PANDAS,
-    name_with,
-)
+from robogauntlet.adapters.robosuite.arms import ARMS, BY_JOINTS, DROID, MOVED_BY_JOINTS, PANDA, TWO_PANDAS, name_with
 
 GOODS = {"Can": "red can", "Milk": "milk carton", "Bread": "bread", "Cereal": "cereal box"}
 NUTS = {"Square": "peg1", "Round": "peg2"}
@@ -34,9 +26,7 @@ def _nut_assembly(name: str) -> TaskDescription:
 
 WITH_ANY_ARM = {
     "Lift": TaskDescription(
-        "lift the red cube off the table",
-        horizon=80,
-        goal=Goal("cube_position", offset=(0.0, 0.0, 0.02), grasped=True),
+        "lift the red cube off the table", horizon=80, goal=Goal("cube_position", offset=(0.0, 0.0, 0.02), grasped=True)
     ),
     "Stack": TaskDescription(
         "put the red cube on the green cube",

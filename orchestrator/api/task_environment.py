@@ -9,12 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from robogauntlet.adapters.contract import (
-    FloatArray,
-    Image,
-    Simulation,
-    TaskDescription,
-)
+from robogauntlet.adapters.contract import FloatArray, Image, Simulation, TaskDescription
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation, ReferenceImages
 from robogauntlet.suites.episode import Cell

@@ -98,8 +98,7 @@ ReplanEvery = Annotated[
     ),
 ]
 RenderProfileSetting = Annotated[
-    RenderProfile | None,
-    typer.Option("--render-profile", help="Detail of rendering, if the suite does not state it."),
+    RenderProfile | None, typer.Option("--render-profile", help="Detail of rendering, if the suite does not state it.")
 ]
 WorkersSetting = Annotated[
     str | None,
@@ -115,8 +114,7 @@ Latency = Annotated[
     ),
 ]
 PolicyOptions = Annotated[
-    list[str] | None,
-    typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable."),
+    list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable.")
 ]
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")

@@ -31,15 +31,7 @@ from robogauntlet.orchestrator.cli.common import (
     refuse,
     suite_settings,
 )
-from robogauntlet.orchestrator.cli.episodes_needed import (
-    Asked,
-    Detect,
-    Discordance,
-    Rate,
-    Width,
-    answer,
-    print_answer,
-)
+from robogauntlet.orchestrator.cli.episodes_needed import Asked, Detect, Discordance, Rate, Width, answer, print_answer
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
 from robogauntlet.orchestrator.runs.plan import Plan, check_same, fitted, make_plan, remaining_work

@@ -12,11 +12,7 @@ from robogauntlet.orchestrator.cli.common import OwnSuite, StoreUrl, fail, newes
 from robogauntlet.orchestrator.cli.verification import verify_run
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
 from robogauntlet.orchestrator.replay.episode_filter import EpisodeFilter
-from robogauntlet.orchestrator.replay.replay import (
-    environments_of,
-    policy_sources,
-    replay_with_video,
-)
+from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources, replay_with_video
 from robogauntlet.orchestrator.runs.playable_suite import playable_suite
 from robogauntlet.results.media_paths import video_path
 from robogauntlet.results.record import EpisodeResult, Status, outcome_text

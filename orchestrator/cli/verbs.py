@@ -20,24 +20,12 @@ VERBS: Verbs = {
     "watch": (".watch:watch", "Evaluate each checkpoint of a training when it is written."),
     "plan": (".plan:plan", "Show the episodes of a suite, starting nothing, or check suites."),
     "report": (".report:report", "Write the report of a run again, or print its table or BibTeX."),
-    "compare": (
-        ".compare:compare",
-        "Compare policies, or a run with its baseline, episode by episode.",
-    ),
-    "replay": (
-        ".replay:replay",
-        "Replay a stored episode and record a video, or verify a run.",
-    ),
+    "compare": (".compare:compare", "Compare policies, or a run with its baseline, episode by episode."),
+    "replay": (".replay:replay", "Replay a stored episode and record a video, or verify a run."),
     "search": (
         {
-            "disturbance": (
-                ".search.disturbance:search",
-                "Find the smallest disturbance that breaks a policy.",
-            ),
-            "checkpoint": (
-                ".search.checkpoint:search",
-                "Find the first checkpoint that became worse.",
-            ),
+            "disturbance": (".search.disturbance:search", "Find the smallest disturbance that breaks a policy."),
+            "checkpoint": (".search.checkpoint:search", "Find the first checkpoint that became worse."),
         },
         "Find what breaks a policy, or the checkpoint that became worse.",
     ),
@@ -47,10 +35,7 @@ VERBS: Verbs = {
                 ".list.names:list_simulators",
                 "List the simulators with their versions and numbers of tasks.",
             ),
-            "tasks": (
-                ".list.names:list_tasks",
-                "List the tasks of all simulators with their instructions.",
-            ),
+            "tasks": (".list.names:list_tasks", "List the tasks of all simulators with their instructions."),
             "policies": (".list.names:list_policies", "List the kinds of policies, with the addresses of servers."),
             "suites": (".list.names:list_suites", "List the suites that are shipped."),
             "axes": (".list.axes:list_axes", "List the perturbation axes with their severities, or show one."),
@@ -64,14 +49,8 @@ VERBS: Verbs = {
     ),
     "check": (
         {
-            "installation": (
-                ".check.installation:check",
-                "Check that the installed simulators open and render.",
-            ),
-            "adapter": (
-                ".check.adapter:check",
-                "Check an adapter against its contract.",
-            ),
+            "installation": (".check.installation:check", "Check that the installed simulators open and render."),
+            "adapter": (".check.adapter:check", "Check an adapter against its contract."),
             "policy": (".check.policy:check", "Play short episodes of a policy and say what its numbers do."),
         },
         "Check the installation, an adapter, or a policy.",
@@ -80,17 +59,11 @@ VERBS: Verbs = {
         {
             "adapter": (".new.adapter:new", "Create the package of a new adapter."),
             "policy": (".new.policy:new", "Create a folder with a policy, its tests and a suite."),
-            "demonstrations": (
-                ".new.demonstrations:new",
-                "Record successful episodes of the oracles as datasets.",
-            ),
+            "demonstrations": (".new.demonstrations:new", "Record successful episodes of the oracles as datasets."),
         },
         "Create an adapter or a policy, or record demonstrations.",
     ),
-    "export": (
-        ".export:export",
-        "Write a run as a file or table, or send it to a tracker.",
-    ),
+    "export": (".export:export", "Write a run as a file or table, or send it to a tracker."),
     "import": (".import_run:import_run", "Create a run folder from an exported run, or from result files of others."),
     "serve": (
         {

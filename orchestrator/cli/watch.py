@@ -8,14 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import (
-    EXIT_INTERRUPTED,
-    HistoryUrl,
-    PolicyOptions,
-    fail,
-    out,
-    print_line,
-)
+from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, HistoryUrl, PolicyOptions, fail, out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.runs.checkpoint_folder import ReadyCheckpoints
 from robogauntlet.orchestrator.runs.checkpoint_watch import SETTLE_S, CheckpointWatch, Watched

@@ -32,15 +32,7 @@ from robogauntlet.policies.training.dataset_writer import DatasetWriter
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.live_status import LiveWorker
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.suites.episode import (
-    CAMERAS,
-    FIRST_TRAINING_SEED,
-    Cell,
-    Protocol,
-    RenderProfile,
-    View,
-    content_hash,
-)
+from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, Cell, Protocol, RenderProfile, View, content_hash
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.ranges import MAX_FIRST_SEED

@@ -12,13 +12,7 @@ from robogauntlet.orchestrator.inference.shared_policy import HORIZON, SharedPol
 from robogauntlet.policies.contract import check_chunk
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack
 from robogauntlet.policies.remote.vla_eval_messages import Kind, check_version, hello_frame, message_of
-from robogauntlet.policies.remote.vla_eval_server import (
-    OWN,
-    native_action,
-    query_of,
-    specs_of,
-    task_and_convention,
-)
+from robogauntlet.policies.remote.vla_eval_server import OWN, native_action, query_of, specs_of, task_and_convention
 from robogauntlet.suites.episode import Protocol
 
 MAX_SEED = 2**31

@@ -18,13 +18,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator, SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver, worker_environment
 from robogauntlet.orchestrator.ray_runtime.cluster import Placement, placed_on
-from robogauntlet.orchestrator.ray_runtime.session import (
-    WORKER_BYTES,
-    RayLost,
-    check_alive,
-    in_session,
-    ray_session,
-)
+from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, RayLost, check_alive, in_session, ray_session
 from robogauntlet.support.errors import last_line
 
 CHECK_S = 1.0

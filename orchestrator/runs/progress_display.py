@@ -128,12 +128,7 @@ class RecordingProgress(Display):
     """A bar for recorded episodes and snapshots."""
 
     def __init__(
-        self,
-        console: Console,
-        count: int,
-        *,
-        end: float = math.inf,
-        now: Callable[[], float] = time.monotonic,
+        self, console: Console, count: int, *, end: float = math.inf, now: Callable[[], float] = time.monotonic
     ) -> None:
         super().__init__(console, transient=True, now=now)
         self._end = end

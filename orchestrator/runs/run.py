@@ -12,13 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, with_bundles
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster
-from robogauntlet.orchestrator.ray_runtime.session import (
-    NoRoom,
-    RayLost,
-    import_ray,
-    ray_session,
-    room_for_workers,
-)
+from robogauntlet.orchestrator.ray_runtime.session import NoRoom, RayLost, import_ray, ray_session, room_for_workers
 from robogauntlet.orchestrator.replay.media_selection import condition_snapshots, first_failures, shared_by
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression
 from robogauntlet.orchestrator.runs.observer import RECORDING, Observer, Recording, RunState
@@ -75,11 +69,7 @@ class RunOptions:
 
 
 def run_plan(
-    plan: Plan,
-    folder: Path,
-    options: RunOptions,
-    observers: Sequence[Observer] = (),
-    rounds: Rounds | None = None,
+    plan: Plan, folder: Path, options: RunOptions, observers: Sequence[Observer] = (), rounds: Rounds | None = None
 ) -> RunState:
     """Play the missing episodes of a plan, write all results into `folder` and return the outcome.
 

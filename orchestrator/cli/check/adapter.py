@@ -18,13 +18,7 @@ from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.kit.adapter import CHECKS
 from robogauntlet.orchestrator.kit.adapter.check import Check
-from robogauntlet.orchestrator.kit.adapter.runner import (
-    MAX_TASKS,
-    TIME_LIMIT_S,
-    checks_for,
-    default_tasks,
-    run_checks,
-)
+from robogauntlet.orchestrator.kit.adapter.runner import MAX_TASKS, TIME_LIMIT_S, checks_for, default_tasks, run_checks
 from robogauntlet.orchestrator.kit.finding import Finding, Level
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput

@@ -30,11 +30,7 @@ def list_episodes(
     """List the episodes of a run with the ids that `replay` takes."""
     folder = run or newest_run()
     chosen = EpisodeFilter(
-        tuple(policy or ()),
-        tuple(task or ()),
-        tuple(condition or ()),
-        tuple(map(str, status or ())),
-        tuple(seed or ()),
+        tuple(policy or ()), tuple(task or ()), tuple(condition or ()), tuple(map(str, status or ())), tuple(seed or ())
     )
     document = read_run(folder)
     with closing(Store.open_begun(folder, document, store)) as stored:

@@ -14,13 +14,7 @@ from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_histor
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.folder_lock import LOCK_FILE
 from robogauntlet.results.report.formatting import TextTable, count, counted
-from robogauntlet.results.report.history_tables import (
-    policy_history_table,
-    run_rate,
-    sparkline,
-    verdict_text,
-    when,
-)
+from robogauntlet.results.report.history_tables import policy_history_table, run_rate, sparkline, verdict_text, when
 from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.history_records import RunEntry

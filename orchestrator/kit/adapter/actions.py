@@ -290,11 +290,7 @@ def start_is_no_success(subject: CheckedTask) -> Iterator[Violation]:
         yield from expect(running, f"no success at the first step of seed {seed}, and no end", outcome)
 
 
-@check(
-    "ends",
-    look="Simulation.step: the `terminated` and `truncated` of the environment that it steps",
-    once=True,
-)
+@check("ends", look="Simulation.step: the `terminated` and `truncated` of the environment that it steps", once=True)
 def ends(subject: CheckedTask) -> Iterator[Violation]:
     """An episode ends where an environment of gymnasium, if the simulation steps one, ends it."""
     simulation = subject.reset()

@@ -6,14 +6,7 @@ from collections.abc import Iterator
 
 from robogauntlet.adapters.contract import AdapterError, UnsupportedCondition
 from robogauntlet.adapters.scene_control import ADJUSTABLE
-from robogauntlet.orchestrator.kit.adapter.check import (
-    Check,
-    NotApplicable,
-    Violation,
-    check,
-    expect,
-    expect_restored,
-)
+from robogauntlet.orchestrator.kit.adapter.check import Check, NotApplicable, Violation, check, expect, expect_restored
 from robogauntlet.orchestrator.kit.adapter.checked_task import CheckedTask
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import Perturbed

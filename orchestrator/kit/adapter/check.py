@@ -9,13 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robogauntlet.adapters.contract import AdapterError
-from robogauntlet.orchestrator.kit.adapter.checked_task import (
-    CannotOpen,
-    CheckedTask,
-    EpisodeOver,
-    Start,
-    describe,
-)
+from robogauntlet.orchestrator.kit.adapter.checked_task import CannotOpen, CheckedTask, EpisodeOver, Start, describe
 from robogauntlet.orchestrator.kit.finding import Finding, Level
 
 

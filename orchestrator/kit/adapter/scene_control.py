@@ -12,14 +12,7 @@ from scipy.spatial.transform import Rotation
 from robogauntlet.adapters.contract import FloatArray, is_of_second_arm
 from robogauntlet.adapters.frames import proprioception
 from robogauntlet.adapters.scene_control import Arm, BodyDynamics, DynamicsFactors, Objects, Unreachable
-from robogauntlet.orchestrator.kit.adapter.check import (
-    Check,
-    NotApplicable,
-    Violation,
-    check,
-    expect,
-    expect_restored,
-)
+from robogauntlet.orchestrator.kit.adapter.check import Check, NotApplicable, Violation, check, expect, expect_restored
 from robogauntlet.orchestrator.kit.adapter.checked_task import CheckedTask, most_changed
 
 SEED, SEED_IN_SIGHT = 3, 5

@@ -159,9 +159,7 @@ def images(subject: CheckedTask) -> Iterator[Violation]:
 
 
 @check(
-    "units",
-    look="the base frame and the units of privileged_state and proprioception: metres, radians",
-    of_robots=True,
+    "units", look="the base frame and the units of privileged_state and proprioception: metres, radians", of_robots=True
 )
 def units(subject: CheckedTask) -> Iterator[Violation]:
     """The tool starts in front of the base, pointing down, in metres and radians."""

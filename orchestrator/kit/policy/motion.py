@@ -20,11 +20,7 @@ HELD = 0.03
 """A target within this distance of where its joint starts holds it (rad); gravity bends an arm by as much."""
 DIRECTIONS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 """Positive and negative direction of x, y, z."""
-TURNS = (
-    "about x, the forward axis",
-    "about y, the left axis",
-    "about z, anticlockwise seen from above",
-)
+TURNS = ("about x, the forward axis", "about y, the left axis", "about z, anticlockwise seen from above")
 
 
 @dataclass(frozen=True)
