@@ -17,7 +17,8 @@ Conventions, the same in every simulator:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -127,6 +128,10 @@ class StepOutcome:
     """The episode has ended: nobody steps the simulation further before a reset. `success` is then how it ended."""
 
 
+PENDING = StepOutcome(math.nan, success=False)
+"""Returned by the step of a world that steps with others, see `BatchSimulation`: what comes of it is not known yet."""
+
+
 @dataclass(frozen=True, slots=True)
 class Delivered:
     """The measured effect of a perturbation in an episode, to compare with the requested level."""
@@ -192,6 +197,21 @@ class Simulation(Protocol):
 
     def close(self) -> None:
         """Free everything. Safe to call twice."""
+
+
+class BatchSimulation(Protocol):
+    """Worlds of one task that step together. Used by one thread of one process."""
+
+    @property
+    def worlds(self) -> Sequence[Simulation]:
+        """The worlds. `step` of one notes the action and returns `PENDING`; reset and observe it at any time.
+
+        What happens in it depends on the seed of its reset and on its actions, not on its place, on the number of the
+        others or on what they do. The last one that is closed frees what they share.
+        """
+
+    def advance(self) -> Sequence[StepOutcome | None]:
+        """Apply the noted actions for a control step. Return what came of each, None of a world that had none."""
 
 
 @runtime_checkable

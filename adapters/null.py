@@ -9,12 +9,13 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from robogauntlet.adapters.contract import (
+    PENDING,
     PICTURE_SIZE,
     ActionSpec,
     FloatArray,
@@ -116,12 +117,35 @@ class NullSimulation:
         """Do nothing."""
 
 
+class NullBatch:
+    """Several worlds, see `contract.BatchSimulation`."""
+
+    def __init__(self, task: str, view: View, count: int) -> None:
+        self.worlds = tuple(_World(task, view) for _ in range(count))
+
+    def advance(self) -> Sequence[StepOutcome | None]:
+        """Move the points that have an action."""
+        return [world.advance() for world in self.worlds]
+
+
+class _World(NullSimulation):
+    noted: FloatArray | None = None
+
+    def step(self, action: FloatArray) -> StepOutcome:
+        """Note the action."""
+        self.noted = action.copy()
+        return PENDING
+
+    def advance(self) -> StepOutcome | None:
+        """Move the point if there is an action."""
+        action, self.noted = self.noted, None
+        return None if action is None else super().step(action)
+
+
 SIMULATOR = Simulator(
     name="null",
     title="null simulator (no physics)",
-    tasks={
-        task: TaskDescription("reach the goal", 60, goal=GOAL) for task in ("Reach", "Slow", "Crash", "Hang", "Raise")
-    },
+    tasks=dict.fromkeys(("Reach", "Slow", "Crash", "Hang", "Raise"), TaskDescription("reach the goal", 60, goal=GOAL)),
     modules=(),
     distributions=(),
     open=NullSimulation,

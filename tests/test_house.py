@@ -50,13 +50,13 @@ PLAYS = {
 LONGEST = 400
 BUDGETS = {
     "orchestrator": 23_394,
-    "adapters": 10_450,
+    "adapters": 10_454,
     "policies": 9_077,
     "mergevla": 9_389,
     "results": 16_086,
     "suites": 3_047,
     "src/robogauntlet": 983,
-    "tests": 53_628,
+    "tests": 53_731,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

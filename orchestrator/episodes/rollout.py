@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.catalog import goal_of
-from robogauntlet.adapters.contract import AdapterError, Delivered, FloatArray, Measured, Simulation
+from robogauntlet.adapters.contract import (
+    PENDING,
+    AdapterError,
+    Delivered,
+    FloatArray,
+    Measured,
+    Simulation,
+    StepOutcome,
+)
 from robogauntlet.adapters.frames import STATE_QUANTUM
 from robogauntlet.adapters.motion import holding, standing_still
 from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter
@@ -33,6 +41,7 @@ from robogauntlet.policies.contract import (
 )
 from robogauntlet.results.record import EpisodeResult, Status
 from robogauntlet.suites.episode import Episode
+from robogauntlet.support.text import counted
 
 Watcher = Callable[[Simulation, int], None]
 """Called after reset and after every control step with the number of steps taken; records videos and trajectories."""
@@ -90,6 +99,34 @@ def rollout(
         AdapterError: The simulator's rewards are not finite, or a perturbation was not delivered.
         Exception: Whatever the simulator or the policy raises.
     """
+    playing = played(simulation, policy, episode, eager=eager, watcher=watcher, references=references, clock=clock)
+    decision: Decision | None = None
+    while True:
+        try:
+            query = playing.send(decision)
+        except StopIteration as ended:
+            row: EpisodeResult = ended.value
+            return row
+        assert isinstance(query, Query)  # only worlds of a batch have steps that are pending
+        (decision,) = ask(policy, [query])
+
+
+def played(
+    simulation: Simulation,
+    policy: Policy,
+    episode: Episode,
+    *,
+    eager: bool = False,
+    watcher: Watcher | None = None,
+    references: ReferenceImages | None = None,
+    clock: Clock = time.perf_counter,
+) -> Generator[Query | StepOutcome, Any, EpisodeResult]:
+    """Play one episode as `rollout` does, but be sent what it waits for.
+
+    Yields:
+        Each query, to be sent the policy's decision. In a world of a `BatchSimulation` also `PENDING` after each step,
+        to be sent the outcome.
+    """
     started, began = time.time(), clock()
     seconds = dict.fromkeys(("reset_s", "physics_s", "render_s", "inference_s"), 0.0)
     timed = partial(_Timed, seconds, clock)
@@ -123,7 +160,7 @@ def rollout(
             simulation.check_instruction(query.observation.instruction)
         asked = clock()
         with timed("inference_s"):
-            decision = _ask(policy, query)
+            decision = yield query
             chunk = check_chunk(decision.actions, numbers)
         answer_times.append(clock() - asked)
         if routing is None and decision.routing is not None:
@@ -143,6 +180,8 @@ def rollout(
             clipped += too_far
             with timed("physics_s"):
                 outcome = simulation.step(action)
+                if outcome is PENDING:
+                    outcome = yield outcome
             steps += 1
             meter.sample()
             reward += outcome.reward
@@ -235,8 +274,11 @@ def _observe(
             return Query(episode, step, action_spec=spec, still=standing_still(simulation))
 
 
-def _ask(policy: Policy, query: Query) -> Decision:
-    decisions = policy.act([query])
-    if len(decisions) != 1 or not isinstance(decisions[0], Decision):
-        raise PolicyError(f"expected one Decision for one query, got {len(decisions)} answers")
-    return decisions[0]
+def ask(policy: Policy, queries: Sequence[Query]) -> Sequence[Decision]:
+    """The policy's decisions, one for each query. Raises PolicyError."""
+    decisions = policy.act(queries)
+    if len(decisions) != len(queries) or not all(isinstance(one, Decision) for one in decisions):
+        raise PolicyError(
+            f"expected one Decision for {counted(len(queries), 'query', 'queries')}, got {len(decisions)} answers"
+        )
+    return decisions

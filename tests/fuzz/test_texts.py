@@ -15,7 +15,7 @@ from tests.results.synthetic import document
 
 SUITES = [(SHIPPED / f"{name}.yaml").read_text(encoding="utf-8") for name in ("mergevla", "robustness-smoke")]
 CONFIG = {
-    "environments": {"null": {"python": "3.11", "requirements": ["numpy==2.0"], "installer": "pip", "inherit": True}},
+    "environments": {"null": {"python": "3.11", "requirements": ["numpy==2.0"], "installer": "pip", "inherit": True}}
 }
 RUN = json.loads(document(3).model_dump_json())
 
