@@ -14,6 +14,8 @@ from typing import Any
 
 WAITS = "waits"
 """The simulation waits for answers, as if they took no time."""
+MEASURED = "measured"
+"""Stands for a latency that `robogauntlet run` measures first, on its command line alone."""
 MAX_MS = 60_000.0
 """Longest answer time (ms)."""
 _P95 = 1.6448536269514722
@@ -70,6 +72,11 @@ class Timing:
         if self.p95_ms is None:
             return self.median_ms
         return self.median_ms * math.exp(normal / _P95 * math.log(self.p95_ms / self.median_ms))
+
+
+def is_measured(latency: str | None) -> bool:
+    """Whether a text of the command line asks for a measurement: `measured`, or `MODE:measured`."""
+    return latency is not None and latency.rpartition(":")[2] == MEASURED
 
 
 def read_timing(value: Any) -> Timing | None:

@@ -110,7 +110,7 @@ Latency = Annotated[
         "--latency",
         metavar="[MODE:]MS",
         help="How long answers take in simulated time, if the suite does not state it: 80ms, or 80-140ms (median and "
-        "95th percentile). Meanwhile the robot does what MODE says: hold, continue or blend.",
+        "95th percentile), or `measured` first. Meanwhile the robot does what MODE says: hold, continue or blend.",
     ),
 ]
 PolicyOptions = Annotated[

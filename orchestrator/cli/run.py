@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -29,14 +30,16 @@ from robogauntlet.orchestrator.cli.common import (
 from robogauntlet.orchestrator.cli.playing import play_plan
 from robogauntlet.orchestrator.registry import find_suite
 from robogauntlet.orchestrator.runs.composition import compose_plan, new_run_folder
-from robogauntlet.orchestrator.runs.plan import make_plan
+from robogauntlet.orchestrator.runs.plan import Plan, make_plan
 from robogauntlet.orchestrator.trackers import PROJECT, open_tracker
 from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
 from robogauntlet.results.run_document import RUN_FILE, RunArguments, read_run
 from robogauntlet.results.run_owner import is_own
 from robogauntlet.results.store.database import without_password
 from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.suites.timing import Timing, is_measured
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 STORE_VARIABLE = "ROBOGAUNTLET_STORE"
 
@@ -110,32 +113,40 @@ def run(
     out.quiet = quiet or out.quiet
     required = tuple(require or ())
     tracking = None if tracker is None else open_tracker(tracker, project, print_line)
-    policy_options, part = read_options(option or ()), SuiteSelection()
-    settings = suite_settings(success, image_size, replan_every, render_profile, workers, latency)
+    policy_options, modelled = read_options(option or ()), None if is_measured(latency) else latency
+    settings = suite_settings(success, image_size, replan_every, render_profile, workers, modelled)
     if suite is not None and _is_task(suite):
         task, suite = [suite, *(task or ())], None
     if suite is None:
         missing = [name for name, given in (("--policy", policy), ("--task", task)) if not given]
         if missing:
             raise BadInput(f"expected a suite, or --policy and --task; got no {' and no '.join(missing)}")
-        plan, folder = compose_plan(
-            with_options([read_reference(text) for text in policy or ()], policy_options),
-            task or (),
-            seeds=seeds,
-            conditions=condition or (),
-            folder=out_folder,
-            only=required,
-            settings=settings,
-        )
     elif condition:
         raise BadInput(
             "--condition: expected --policy and --task instead of a suite file, which lists its own conditions"
         )
     else:
         _refuse_run_folder(suite)
+
+    def planned(settings: Mapping[str, Any]) -> tuple[Plan, Path, SuiteSelection]:
+        if suite is None:
+            plan, folder = compose_plan(
+                with_options([read_reference(text) for text in policy or ()], policy_options),
+                task or (),
+                seeds=seeds,
+                conditions=condition or (),
+                folder=out_folder,
+                only=required,
+                settings=settings,
+            )
+            return plan, folder, SuiteSelection()
         part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, policy_options, settings)
         plan = make_plan(find_suite(suite), part=part, only=required)
-        folder = out_folder or new_run_folder(plan.suite.name)
+        return plan, out_folder or new_run_folder(plan.suite.name), part
+
+    plan, folder, part = planned(settings)
+    if is_measured(latency):
+        plan, folder, part = planned(settings | _measured(latency or "", plan, folder))
     arguments = RunArguments(
         policies=part.policies,
         options=tuple(option_text(name, value) for name, value in part.options.items()),
@@ -151,6 +162,27 @@ def run(
         project=None if tracker is None else project,
     )
     play_plan(plan, folder, arguments, store=store, history=history, tracker=tracking, verbose=verbose)
+
+
+def _measured(latency: str, plan: Plan, folder: Path) -> dict[str, Timing]:
+    """Measure the answers of the plan's policy, say so, and return what a suite states then."""
+    from robogauntlet.orchestrator.kit.policy.check import Probe
+    from robogauntlet.orchestrator.kit.policy.measured_latency import measured_timing
+
+    if (folder / RUN_FILE).exists():
+        raise BadInput(
+            f"--latency: {folder} has a run, with the latency that was measured; "
+            f"continue it: robogauntlet resume {shlex.quote(str(folder))}"
+        )
+    names = [name for name in plan.sources if name not in plan.suite.reference_policies]
+    if len(names) != 1:
+        got = counted(len(names), "policy", "policies")
+        raise BadInput(f"--latency: expected one policy, whose answers are measured; got {got}")
+    probe = Probe(names[0], plan.sources[names[0]], plan.cells[0].task, image_size=plan.suite.image_size)
+    with out.status(f"measuring the answers of {probe.name}"):
+        timing, line = measured_timing(latency, probe)
+    print_line(line)
+    return {} if timing is None else {"timing": timing}
 
 
 def _refuse_run_folder(suite: str) -> None:
