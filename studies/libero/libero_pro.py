@@ -23,7 +23,7 @@ from studies.tables import episodes_of, write_episodes
 
 AXES = ("object", "swap", "task", "language")
 PLAYED = ("spatial", "object", "goal")
-"""Suites. Those of `10` take longest and were not played."""
+"""Suites; those of `10` are in `libero_pro_ways`."""
 STATES = 1
 """Stored states of each task, from the first on; each is a run, so that what was played stays valid when more are."""
 NAMED = "variant-name"
@@ -47,7 +47,7 @@ def measure() -> list[dict[str, object]]:
 
 
 def _played(folder: Path) -> Iterator[pd.DataFrame]:
-    by_suite = {suite: [_task(axis, task) for axis in AXES for task in tasks_of(suite)] for suite in PLAYED}
+    by_suite = {suite: [task_of(axis, task) for axis in AXES for task in tasks_of(suite)] for suite in PLAYED}
     scripted = [task for tasks in by_suite.values() for task in tasks if task in SCRIPTS]
     oracle = {"oracle": {"kind": "oracle"}}
     for state in range(STATES):
@@ -58,7 +58,8 @@ def _played(folder: Path) -> Iterator[pd.DataFrame]:
         yield play_policies(folder, f"pro-oracle-state-{state}", oracle, scripted, 1, EPISODE, first=state)
 
 
-def _task(axis: str, task: str) -> str:
+def task_of(axis: str, task: str) -> str:
+    """LIBERO-PRO's task of an axis by LIBERO's."""
     return task.replace("libero/", f"libero/pro-{axis}-")
 
 
@@ -71,7 +72,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     own = episodes_of("libero", "libero_experts")
     own = own[(own.axis == "clean") & own.task.map(suite_of).isin(PLAYED)]
     own = own.assign(won=own.status == "success")
-    in_libero = {policy: _rate(own[own.policy == policy].won) for policy in ("oracle", "experts")}
+    in_libero = {policy: rate(own[own.policy == policy].won) for policy in ("oracle", "experts")}
     first: dict[str, object] = {"pro_axis": "LIBERO's own", "lost": "", "named": in_libero["experts"], "named-lost": ""}
     by_task = own[own.policy == "experts"].groupby("task").won.mean()
     return [first | in_libero, *(_row(axis, frame[frame.pro_axis == axis], by_task) for axis in AXES)]
@@ -83,10 +84,10 @@ def _row(axis: str, frame: pd.DataFrame, own: pd.Series) -> dict[str, object]:
     named = pd.concat([named, told[~told.task.isin(named.task)]])  # the rest is told the same
     return {
         "pro_axis": axis,
-        "oracle": _rate(oracle.won.dropna()),
-        "experts": _rate(told.won.dropna()),
+        "oracle": rate(oracle.won.dropna()),
+        "experts": rate(told.won.dropna()),
         "lost": _lost(told, own),
-        "named": _rate(named.won.dropna()),
+        "named": rate(named.won.dropna()),
         "named-lost": _lost(named, own),
     }
 
@@ -99,5 +100,6 @@ def _lost(played: pd.DataFrame, own: pd.Series) -> str:
     return f"{lost.mean():.0f} [{low:.0f}, {high:.0f}]"
 
 
-def _rate(won: pd.Series) -> str:
+def rate(won: pd.Series) -> str:
+    """Success with Wilson's interval, in percent; empty without episodes. `won` has 1 or 0 for each."""
     return percent(won.mean(), wilson_interval(int(won.sum()), len(won))) if len(won) else ""
