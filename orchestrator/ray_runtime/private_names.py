@@ -6,7 +6,6 @@ import contextlib
 import importlib
 import inspect
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
@@ -38,16 +37,22 @@ def replaced(module: str, name: str, value: Any) -> Iterator[None]:
         setattr(place, name, before)
 
 
-def without_monitors() -> AbstractContextManager[None]:
-    """Let `ray.init` start neither an autoscaler nor a monitor of logs during the block; nothing here uses them.
+@contextlib.contextmanager
+def fewer_processes() -> Iterator[None]:
+    """Let `ray.init` start no autoscaler, monitor of logs and API server during the block: nothing here uses them.
 
-    Both are parameters of Ray that `ray.init` does not offer. Where they have other names, Ray starts its monitors.
+    The first two are parameters of Ray that `ray.init` does not offer, and the third may be missing: Ray goes on where
+    it does not start. What has another name in a version of Ray is started.
     """
     parameters = private("_private.parameter", "RayParams")
     fewer = {"no_monitor": True, "include_log_monitor": False}
-    if parameters is None or not fewer.keys() <= inspect.signature(parameters).parameters.keys():
-        return contextlib.nullcontext()
-    return replaced("_private.parameter", "RayParams", partial(parameters, **fewer))
+    if parameters is not None and fewer.keys() <= inspect.signature(parameters).parameters.keys():
+        parameters = partial(parameters, **fewer)
+    with (
+        replaced("_private.parameter", "RayParams", parameters),
+        replaced("_private.services", "start_api_server", lambda *_, **__: (None, None)),
+    ):
+        yield
 
 
 class _NoFolders(list[str]):

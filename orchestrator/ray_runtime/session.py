@@ -17,7 +17,7 @@ from typing import Any
 import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
-from robogauntlet.orchestrator.ray_runtime.private_names import job_without_folders, private, replaced, without_monitors
+from robogauntlet.orchestrator.ray_runtime.private_names import fewer_processes, job_without_folders, private, replaced
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
 from robogauntlet.support.interrupts import deferred_interrupts
@@ -45,6 +45,8 @@ _folder: SessionFolder | None = None
 """The folder of the Ray that was started here."""
 _given: Mapping[str, str] = {}
 """The variables that its processes have from its start."""
+_has_failed = False
+"""Whether a Ray did not start here. The next one is started as it is, with all of its processes."""
 _VITAL = ("raylet", "gcs_server")
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
@@ -158,6 +160,7 @@ def _on_loopback(applies: bool) -> Iterator[None]:
 
 def _start(address: str | None, workers: int) -> None:
     """Start Ray on this machine, or join the cluster at the address, without Ray's messages and signal handlers."""
+    global _has_failed
     import ray
 
     logging.getLogger("ray").setLevel(logging.ERROR)
@@ -176,12 +179,13 @@ def _start(address: str | None, workers: int) -> None:
             _environment({**_hidden(), **_given} if address is None else {}),
             # Its own handlers exit with another code, and would be in force for the seconds of the start.
             replaced("_private.utils", "set_sigterm_handler", lambda _: None),
-            without_monitors() if address is None else contextlib.nullcontext(),
+            fewer_processes() if address is None and not _has_failed else contextlib.nullcontext(),
         ):
             ray.init(address or "local", **options)
     except BaseException as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
         if address is not None:
             raise
+        _has_failed = True
         _end_children(but=children)  # at an interruption, too: Ray's agents would live for a minute
         if not isinstance(error, Exception):
             raise

@@ -11,9 +11,11 @@ from pathlib import Path
 import pytest
 
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.ray_runtime.private_names import private, replaced, without_monitors
+from robogauntlet.orchestrator.ray_runtime import session as session_module
+from robogauntlet.orchestrator.ray_runtime.private_names import fewer_processes, private, replaced
 from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
+    RayLost,
     free_resources,
     in_session,
     keep_token,
@@ -30,7 +32,7 @@ def test_a_ray_without_the_private_names_is_used_by_its_public_ones(monkeypatch)
     nodes = [{"NodeID": "a", "Alive": True, "Resources": {"CPU": 2.0}}, {"NodeID": "b", "Alive": False}]
     monkeypatch.setattr("ray.nodes", lambda: nodes)
     assert free_resources() == {"a": {"CPU": 2.0}}
-    with without_monitors():
+    with fewer_processes():
         pass
     with replaced("_private.utils", "set_sigterm_handler", None):
         assert private("_private.utils", "set_sigterm_handler") is None
@@ -82,7 +84,8 @@ with ray_session(address=None, workers=1):
     time.sleep(2)
 same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 found = {"mode": token, "listening": sorted(listening), "environment as before": same}
-found["monitors"] = [part for part in parts if any(word.endswith("monitor.py") for word in part)]
+idle = ("monitor.py", "dashboard.py")
+found["idle"] = [part for part in parts if any(word.endswith(idle) for word in part)]
 print(json.dumps(found))
 """
 
@@ -100,14 +103,14 @@ def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_envi
 
 
 @pytest.mark.ray
-def test_ray_of_one_machine_starts_neither_an_autoscaler_nor_a_monitor_of_logs(session):
-    assert json.loads(session.stdout.splitlines()[-1])["monitors"] == []
+def test_ray_of_one_machine_starts_no_process_that_nothing_uses(session):
+    assert json.loads(session.stdout.splitlines()[-1])["idle"] == []
 
 
-def test_ray_starts_its_monitors_where_their_parameters_have_other_names(monkeypatch):
+def test_parameters_of_ray_with_other_names_are_left_alone(monkeypatch):
     other = lambda **_: None  # noqa: E731
     monkeypatch.setattr("ray._private.parameter.RayParams", other)
-    with without_monitors():
+    with fewer_processes():
         assert private("_private.parameter", "RayParams") is other
 
 
@@ -138,6 +141,22 @@ print([child.name() for child in psutil.Process().children()])
 def test_a_ray_that_does_not_start_is_lost_and_leaves_no_process():
     done = subprocess.run([sys.executable, "-c", FAILING], check=True, capture_output=True, text=True, timeout=120)
     assert done.stdout.splitlines()[-2:] == ["Ray did not start: The current node timed out during startup.", "[]"]
+
+
+def test_after_a_start_that_failed_ray_is_started_as_it_is(monkeypatch):
+    own, is_own = private("_private.services", "start_api_server"), []
+
+    def init(*_, **__):
+        is_own.append(private("_private.services", "start_api_server") is own)
+        if len(is_own) == 1:
+            raise ValueError("too many values to unpack (expected 2)")
+
+    monkeypatch.setattr("ray.init", init)
+    monkeypatch.setattr(session_module, "_has_failed", False)
+    with pytest.raises(RayLost, match="Ray did not start: too many values"):
+        session_module._start(None, 1)
+    session_module._start(None, 1)
+    assert is_own == [False, True]
 
 
 @pytest.mark.ray
