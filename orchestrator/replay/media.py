@@ -64,7 +64,7 @@ def job_of_workers(folder: Path, filmed: Collection[str]) -> Job:
 
     Args:
         folder: The run folder, which they have at hand.
-        filmed: Ids of the episodes. What cannot be filmed is played all the same.
+        filmed: Ids of the episodes, filmed at their first attempt. What cannot be filmed is played all the same.
     """
     return partial(_play_lease, folder=folder.absolute(), filmed=filmed) if filmed else EpisodeRunner.play
 
@@ -80,7 +80,7 @@ def _play_lease(
     def play_one(episode: Episode) -> EpisodeResult:
         return _play_filmed(runner, folder, episode) if episode.id in filmed else runner.play_one(episode)
 
-    return runner.play(lease, play_one)
+    return runner.play(lease, play_one if lease.attempt == 1 else None)
 
 
 def _play_filmed(runner: EpisodeRunner, folder: Path, episode: Episode) -> EpisodeResult:

@@ -12,13 +12,13 @@ from robogauntlet.suites.episode import Cell, Protocol
 from tests.orchestrator.runs.playing import observer
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
+CELL, SOURCES = Cell("oracle", "d", "null/Reach", Protocol(60)), {"oracle": PolicySource("oracle", {})}
 
 
 def test_a_success_and_a_failure_have_one_video_each_that_was_filmed_while_they_were_played(run, suite):
     outcome = run(suite(), media=True)
-    videos = {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
     rows = {row.episode_id: (row.policy, row.status, row.seed) for row in run.rows()}
-    assert sorted(rows[video] for video in videos) == [("oracle", "success", 1), ("random", "failure", 1)]
+    assert sorted(rows[video] for video in videos_of(run)) == [("oracle", "success", 1), ("random", "failure", 1)]
     assert (run.folder / "media/pictures/null__Reach.png").exists()
     assert outcome.warnings == []
 
@@ -27,14 +27,15 @@ def test_missing_videos_of_a_complete_run_are_recorded_once(finished, suite):
     run, path = finished, suite()
     assert not (run.folder / "media").exists()
     assert run(path, media=True).warnings == []
-    videos = {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")}
+    videos = videos_of(run)
     assert len(videos) == 2
     run(path, media=True)
-    assert {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")} == videos
+    assert videos_of(run) == videos
 
 
 def videos_of(run):
-    return {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
+    """Ids of the episodes with a video, and when it was written."""
+    return {path.stem: path.stat().st_mtime_ns for path in (run.folder / "media/videos").glob("*.mp4")}
 
 
 def test_the_first_report_has_what_was_filmed_while_it_was_played_which_changes_no_row(run, suite, finished_folder):
@@ -48,8 +49,6 @@ def test_the_first_report_has_what_was_filmed_while_it_was_played_which_changes_
 
     outcome = run(suite(), media=None, observers=[observer(on_numbers=on_numbers)])
     assert counts == [2]  # the second episode of each policy, since the first row waits for no video
-    rows = {row.episode_id: row.seed for row in run.rows()}
-    assert {rows[video] for video in videos_of(run)} == {1}
     assert pages[0].count("data:video/mp4") == 2
     assert outcome.document.rows_hash == read_run(finished_folder).rows_hash
     assert {path.suffix for path in (run.folder / "media/videos").iterdir()} == {".mp4"}
@@ -69,14 +68,19 @@ def test_an_episode_whose_video_fails_is_played_all_the_same(tmp_path, monkeypat
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("robogauntlet.orchestrator.episodes.video_recorder.video_writer", broken)
-    cell = Cell("oracle", "d", "null/Reach", Protocol(60))
-    lease = Lease(cell, (0, 1))
-    runner = EpisodeRunner({"oracle": PolicySource("oracle", {})})
-    filmed = episodes_to_film([(cell, lease.seeds)])
+    lease, runner = Lease(CELL, (0, 1)), EpisodeRunner(SOURCES)
+    filmed = episodes_to_film([(CELL, lease.seeds)])
     rows = [*job_of_workers(tmp_path, filmed)(runner, lease)]
     assert [row.status for row in rows] == ["success", "success"]
     assert list(map(outcome_row, rows)) == list(map(outcome_row, job_of_workers(tmp_path, ())(runner, lease)))
     assert not list(tmp_path.rglob("*.mp4"))
+
+
+@pytest.mark.parametrize("attempt", [1, 2])
+def test_an_episode_is_filmed_at_its_first_attempt_only_as_drawing_may_have_ended_its_worker(tmp_path, attempt):
+    job = job_of_workers(tmp_path, episodes_to_film([(CELL, (0,))]))
+    (row,) = job(EpisodeRunner(SOURCES), Lease(CELL, (0,), attempt))
+    assert [path.stem for path in tmp_path.rglob("*.mp4")] == ([row.episode_id] if attempt == 1 else [])
 
 
 def test_videos_take_a_share_of_the_playing_time_and_those_left_out_are_counted(finished, suite, monkeypatch):
@@ -103,7 +107,6 @@ def test_no_simulator_is_started_for_videos_that_cannot_start_it_in_their_time(r
     monkeypatch.setattr("robogauntlet.orchestrator.replay.media.job_of_workers", lambda *_: EpisodeRunner.play)
     outcome = run(suite(), media=None)
     assert outcome.document.media_left_out == 2
-    assert outcome.document.media_s <= 0.01 * outcome.document.elapsed_s
     assert "recording" not in run.output.getvalue()
 
 
@@ -122,4 +125,4 @@ def test_an_interruption_during_videos_loses_nothing_and_the_next_run_continues(
     assert (run.folder / "report.html").read_text().count("data:video/mp4") == 1
     outcome = run(path, media=True)
     assert (outcome.media_interrupted, outcome.document.media_left_out) == (False, 0)
-    assert videos_of(run) > {recorded}
+    assert videos_of(run).keys() > {recorded}
