@@ -336,10 +336,8 @@ def test_pip_moves_no_package_of_a_lab(wheels, tmp_path):
 def test_light_tests_of_every_room_and_a_run_pass_with_the_lowest_packages(wheels, tmp_path):
     python, pins = new_environment(tmp_path / "lowest") / "bin" / "python", tmp_path / "lowest.txt"
     pins.write_text("\n".join(map(lowest, CORE)))
-    wanted, tools = (
-        f"robogauntlet[postgresql] @ {wheels[0].as_uri()}",
-        ("pytest", "hypothesis", "gymnasium", "httpx2", "pyzmq", "json-numpy"),
-    )
+    wanted = f"robogauntlet[postgresql] @ {wheels[0].as_uri()}"
+    tools = ("pytest", "hypothesis", "gymnasium", "httpx2", "pyzmq", "json-numpy")
     run(python, "-m", "pip", "install", "--quiet", "--no-compile", "-c", pins, wanted, *tools)
     frozen = run(python, "-m", "pip", "freeze", "--all").lower()
     assert f"numpy=={CORE[0].specifier}".replace("==>=", "==") in frozen

@@ -29,7 +29,7 @@ from robogauntlet.support.secret_variables import POLICY_TOKEN, without_secrets
 
 OBJECT_TOKEN = f"{POLICY_TOKEN}_OBJECT"
 """Variable with the token of the server of this process's objects, see `orchestrator/api`; workers get it, too."""
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 def worker_environment(simulator: Simulator, config: Config | None = None) -> dict[str, str]:
@@ -38,7 +38,7 @@ def worker_environment(simulator: Simulator, config: Config | None = None) -> di
     The simulator's variables are as the user has set them, if so. The configuration is by default read from its file.
     """
     own = {name: os.environ.get(name, value) for name, value in simulator.environment.items()}
-    return {**_ONE_THREAD, **own, **assets_variables(config or read_config())}
+    return {**ONE_THREAD, **own, **assets_variables(config or read_config())}
 
 
 class EnvironmentResolver:

@@ -14,6 +14,7 @@ from ray.exceptions import RayError
 
 from robogauntlet.adapters.catalog import stand_in_spec
 from robogauntlet.adapters.contract import black_observation
+from robogauntlet.orchestrator.environments.resolver import ONE_THREAD
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy, resolve_locally
 from robogauntlet.orchestrator.inference.batcher import Batcher
 from robogauntlet.orchestrator.inference.planned_policy import planned_spec
@@ -150,8 +151,8 @@ def start_servers(sources: Mapping[str, PolicySource], inference: Inference) -> 
     chosen = {name: sources[name] for name in _image_policies(sources)}
     actor: Any = ray.remote(Server)
     options = {"num_cpus": 0, "num_gpus": inference.num_gpus, "max_restarts": -1, "max_concurrency": MAX_CONCURRENCY}
-    environment = in_session({"env_vars": {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}})
-    actor = actor.options(runtime_env=environment, **options)
+    threads = {name: os.environ.get(name, os.environ.get("OMP_NUM_THREADS", "1")) for name in ONE_THREAD}
+    actor = actor.options(runtime_env=in_session({"env_vars": threads}), **options)
     return [actor.remote(chosen, inference) for _ in range(inference.replicas if chosen else 0)]
 
 

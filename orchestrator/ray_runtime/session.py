@@ -32,7 +32,7 @@ _LOCAL_ENVIRONMENT: dict[str, str | None] = {
 _PAST_THE_OBJECT_STORE = {"max_direct_call_object_size": 64 * 2**20, "task_rpc_inlined_bytes_limit": 2**40}
 """Send results directly: when the object store dies, Ray kills every process that reads from it without a message."""
 _STARTED_HERE = {**_PAST_THE_OBJECT_STORE, "prestart_worker_first_driver": False}
-"""Start no process ahead of work, one per core: ours have environments of their own, so none of these would be used."""
+"""Start no process ahead of work, one per core: a run may need fewer, or such with variables or Python of their own."""
 WORKER_BYTES = 2 * 1024**3
 """Memory of a worker with a simulator, its renderer and a policy (bytes)."""
 _JOINED_ENVIRONMENT: dict[str, str | None] = {

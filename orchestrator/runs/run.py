@@ -192,15 +192,14 @@ class RunSession(Observer):
         from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 
         suite, per_simulator = self._plan.suite, self._run.document.workers
-        names = {cell.simulator for cell, _ in work}
         scheduling = SchedulerOptions(
             workers=per_simulator or room_for_workers,
             episode_time_limit_s=suite.episode_time_limit_s,
             allowed_errors=int(suite.error_tolerance * self._plan.episodes),
             resources=suite.resources,
         )
-        fixed = sum(per_simulator.get(name, 0) for name in names)
-        variables = self._plan.environments.shared_variables(names)
+        fixed = sum(per_simulator.get(name, 0) for name in {cell.simulator for cell, _ in work})
+        variables = self._plan.environments.shared_variables(self._plan.simulators)
         self._ray.enter_context(ray_session(address=self._options.address, workers=fixed, variables=variables))
         workers = fixed or room_for_workers()
         sources = self._sources()

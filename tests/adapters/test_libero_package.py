@@ -63,10 +63,8 @@ def test_the_goal_of_a_task_is_that_its_object_comes_to_its_place():
     assert goals["goal-8-put-bowl-on-plate"] == Goal(
         "akita_black_bowl_1_position", "goal_position", axes="xy", tolerance=ON_OBJECT, grasped=True
     )
-    drawer, pushed = (
-        goals["90-02-kitchen10-put-black-bowl-in-top-drawer-cabinet"],
-        goals["goal-5-push-plate-to-front-stove"],
-    )
+    drawer = goals["90-02-kitchen10-put-black-bowl-in-top-drawer-cabinet"]
+    pushed = goals["goal-5-push-plate-to-front-stove"]
     assert (drawer.axes, drawer.tolerance) == ("xyz", 0.08)
     assert (pushed.grasped, pushed.handle) == (False, "tcp_position")
     assert sum(goal is not None for name, goal in goals.items() if not name.startswith("pro-")) == 89

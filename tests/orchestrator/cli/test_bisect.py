@@ -99,10 +99,8 @@ def test_a_search_that_was_interrupted_goes_on_with_its_rows(run_command, tmp_pa
     monkeypatch.setattr(CheckpointSearch, "__call__", interrupted)
     stopped = run_command(*typed)
     assert stopped.code == 130
-    assert (
-        "robogauntlet: interrupted; continue with: robogauntlet search checkpoint --good python:steps:Step0 "
-        in stopped.err
-    )
+    command = "robogauntlet search checkpoint --good python:steps:Step0 "
+    assert f"robogauntlet: interrupted; continue with: {command}" in stopped.err
     before = rows_of(tmp_path / "run")
     assert len(before) == 20
     monkeypatch.setattr(CheckpointSearch, "__call__", rounds)
@@ -168,10 +166,8 @@ def test_a_search_keeps_its_rule_of_success_when_it_is_continued(run_command, tm
 
     monkeypatch.setattr("robogauntlet.orchestrator.cli.search.checkpoint.play_search", caught)
     stopped = run_command("search", "checkpoint", "--good", "oracle", "--bad", "zero", *TASK, "--success", "once")
-    assert (
-        "continue with: robogauntlet search checkpoint --good oracle --bad zero --task null/Reach --success once"
-        in stopped.err
-    )
+    command = "robogauntlet search checkpoint --good oracle --bad zero --task null/Reach --success once"
+    assert f"continue with: {command}" in stopped.err
 
 
 def test_mistakes_in_python_are_one_line_and_nothing_is_started(tmp_path, monkeypatch):

@@ -46,10 +46,8 @@ def test_every_brace_of_an_entry_is_closed_whatever_the_suite_is_called(run_comm
 
 def test_an_adapter_that_is_not_installed_is_named(run_command, tmp_path):
     run = document(of=cells(tasks=("mysim/Push",)))
-    assert (
-        "% mysim: its adapter is not installed here"
-        in run_command("report", "--cite", run_folder(tmp_path / "r", run, [])).out
-    )
+    printed = run_command("report", "--cite", run_folder(tmp_path / "r", run, [])).out
+    assert "% mysim: its adapter is not installed here" in printed
 
 
 @pytest.mark.parametrize("name", [name for name, one in catalog.simulators().items() if not one.internal])

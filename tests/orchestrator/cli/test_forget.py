@@ -61,10 +61,8 @@ def test_a_name_that_might_be_another_runs_is_refused(run_command, runs, name):
 def test_a_run_in_progress_is_refused(run_command, runs):
     listed(run_command)
     with exclusive(runs / "monday" / ".lock", RuntimeError()):
-        assert (
-            "a process is running it; stop it first"
-            in run_command("list", "runs", "--forget", "monday", "--delete").refusal
-        )
+        refused = run_command("list", "runs", "--forget", "monday", "--delete").refusal
+        assert "a process is running it; stop it first" in refused
     assert listed(run_command) == ["tuesday", "monday"]
 
 

@@ -62,9 +62,8 @@ def test_a_suite_of_ones_own_says_which_policies_are_played(run_command, tmp_pat
     line = run_command("replay", "--verify", folder, "--suite", mine).refusal
     assert line == "suite 'small' lacks the run's policy 'evil'; name the suite that was played"
     mine.write_text(mine.read_text().replace("[oracle]", "[{name: evil, kind: oracle}]"))
-    assert (
-        "policy 'evil' has changed since the run" in run_command("replay", "--verify", folder, "--suite", mine).refusal
-    )
+    refused = run_command("replay", "--verify", folder, "--suite", mine).refusal
+    assert "policy 'evil' has changed since the run" in refused
     assert not (tmp_path / "stolen").exists()
 
 
@@ -129,10 +128,8 @@ def test_an_import_from_the_future_is_refused(run_command, tmp_path):
 def test_an_imported_run_is_no_baseline_and_on_a_leaderboard_only_if_asked_for(run_command, tmp_path):
     played(tmp_path, "oracle")
     assert run_command("import", tmp_path / "run.zip").code == 0
-    assert (
-        "a run of others is no baseline; run its suite file: robogauntlet run SUITE"
-        in run_command("compare", "--accept", "small-01234567").refusal
-    )
+    refused = run_command("compare", "--accept", "small-01234567").refusal
+    assert "a run of others is no baseline; run its suite file: robogauntlet run SUITE" in refused
     assert "runs of others count with --imported" in run_command("compare", "--all", "small").refusal
     assert "small-01234567 (imported)" in run_command("compare", "--all", "small", "--imported").out
 

@@ -43,9 +43,8 @@ def test_checkpoints_are_played_compared_and_the_same_line_goes_on(run_command, 
     begun = [line.partition(":")[0] for line in done.out.splitlines() if ": 10 episodes into " in line]
     assert begun == ["checkpoint-1000", "checkpoint-900"]
     assert "improved: checkpoint-1000 against checkpoint-900; 0 % before, 100 % now of 10 episodes, " in done.out
-    assert (
-        "best: checkpoint-1000, chosen by even seeds (100 %), measured by odd seeds: 100 % [57, 100] of 5 " in done.out
-    )
+    best = "best: checkpoint-1000, chosen by even seeds (100 %), measured by odd seeds: 100 % [57, 100] of 5 "
+    assert best in done.out
     assert "checkpoint-1000: 100 % [72, 100]" in (out / "learning-curve.html").read_text()
     played = {name: rows_of(out / name) for name in ("checkpoint-900", "checkpoint-1000")}
     assert read_run(out / "checkpoint-900").command.endswith(f"--out {out.relative_to(tmp_path)}")

@@ -9,6 +9,7 @@ from collections import Counter
 import pytest
 import ray
 
+from robogauntlet.orchestrator.environments.resolver import ONE_THREAD
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.inference.ray_policy_server import (
@@ -79,6 +80,19 @@ def played_here(items, sources=SOURCES):
 def test_only_policies_that_observe_images_are_served():
     assert len(start_servers(SOURCES, Inference())) == 1
     assert start_servers({"oracle": SOURCES["oracle"]}, Inference()) == []
+
+
+def test_a_server_has_as_many_threads_as_this_process(servers, monkeypatch):
+    class Threads:
+        def __init__(self, *_):
+            pass
+
+        async def numbers(self):
+            return {os.environ.get(name) for name in ONE_THREAD}
+
+    monkeypatch.setattr(f"{start_servers.__module__}.Server", Threads)
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    assert ray.get(servers(SOURCES)[0].numbers.remote()) == {"3"}
 
 
 def test_a_served_policy_makes_the_same_rows_in_batches(observer, servers):
@@ -155,10 +169,8 @@ def test_an_episode_that_is_played_again_is_not_forgotten_by_the_end_of_its_firs
             return self.known
 
     server = ray.remote(SlowToForget).options(num_cpus=0, max_concurrency=10).remote()
-    policy, episode = (
-        ServedPolicy(server, "mine", PolicySpec(PolicyInput.OBSERVATION, 8)),
-        Cell("mine", "mine", "null/Reach", Protocol(60)).episode(0),
-    )
+    policy = ServedPolicy(server, "mine", PolicySpec(PolicyInput.OBSERVATION, 8))
+    episode = Cell("mine", "mine", "null/Reach", Protocol(60)).episode(0)
     for _ in range(2):
         policy.reset([episode])
         policy.finish([episode])

@@ -195,6 +195,7 @@ def test_a_session_in_another_leaves_the_variables_by_which_processes_join(ray_h
     assert before["RAY_AUTH_MODE"] == "token"
 
 
+@pytest.mark.ray
 def test_a_process_whose_variables_ray_was_started_with_is_not_set_up_and_has_them(ray_here):
     import ray
 

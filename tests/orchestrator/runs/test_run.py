@@ -12,6 +12,7 @@ import pytest
 from filelock import FileLock
 
 from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.environments.resolver import ONE_THREAD, EnvironmentResolver
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.orchestrator.runs.suite_names import PlanError
@@ -200,14 +201,20 @@ def test_a_run_of_which_nothing_was_played_is_stopped_and_says_why(run, suite, m
     assert outcome.document.reason == "no episode was played; null is skipped: it cannot render"
 
 
+def test_ray_has_the_variables_that_all_simulators_of_a_run_share_whatever_is_left_to_play(run, suite, monkeypatch):
+    asked, of_null = [], lambda run: [(cell, (0,)) for cell in run._plan.cells if cell.simulator == "null"]
+    monkeypatch.setattr(EnvironmentResolver, "shared_variables", lambda _, names: asked.append({*names}))
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run.RunSession._remaining_work", of_null)
+    run(suite(SUITE.replace("/Reach", "/Reach, pybullet/PandaReach-v3")))
+    assert asked == [{"null", "pybullet"}]
+
+
 def test_errors_are_kept_until_a_retry_is_requested(run, suite, tmp_path, monkeypatch):
     path = suite(SUITE.replace("null/Reach", "null/Raise"), error_tolerance=1.0)
     run(path)
     errors = [row for row in run.rows() if row.status == "error"]
     assert {row.seed for row in errors} == {0, 7, 14}
-    monkeypatch.setattr(
-        "robogauntlet.orchestrator.environments.resolver._ONE_THREAD", {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}
-    )
+    monkeypatch.setitem(ONE_THREAD, "ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
     run(path)
     assert len([row for row in run.rows() if row.status == "error"]) == len(errors)
     outcome = run(path, retry_errors=True)

@@ -29,10 +29,8 @@ def test_without_an_identity_the_servers_metadata_are_hashed():
 
 def test_a_server_without_metadata_is_known_by_its_address_and_its_numbers_say_so():
     with speaking(answering(CHUNK, metadata={})) as first, speaking(answering(CHUNK, metadata={})) as second:
-        kind, digests = (
-            catalog.find("openpi"),
-            [catalog.digest("openpi", {"address": a}) for a in (first, first, second)],
-        )
+        kind = catalog.find("openpi")
+        digests = [catalog.digest("openpi", {"address": a}) for a in (first, first, second)]
         assert digests[0] == digests[1] != digests[2]
         assert (
             "checkpoints behind it cannot be told apart; give option identity"
