@@ -127,21 +127,20 @@ def pending_media(
     evaluated: Sequence[str],
     snapshots: Sequence[Snapshot],
     others: Sequence[EpisodeResult] = (),
-) -> list[Snapshot | EpisodeResult]:
+) -> tuple[list[EpisodeResult], list[Snapshot | EpisodeResult]]:
     """The snapshots and episodes to record that are not in the run folder yet, the most informative first.
 
-    These are the `first_failures`, which a report should not lack, and then the snapshots. `rows` returns a new
-    iterator over the run's rows at every call. Failures along the axes are recorded of the `evaluated` policies only,
-    `others` after them. Of episodes in which policies acted identically, one is recorded.
+    These are the `first_failures`, which a report should not lack, and then all else, from the snapshots on. `rows`
+    returns a new iterator over the run's rows at every call. Failures along the axes are recorded of the `evaluated`
+    policies only, `others` after them. Of episodes in which policies acted identically, one is recorded.
     """
     files = {path.stem for path in videos_folder(folder).glob("*.mp4")}
     recorded = {shared_by(row) for row in rows() if row.episode_id in files} if files else set()
     groups = (representative_episodes(rows(), files), new_failures(rows, evaluated), others)
     ordered = [row for group in groups for row in recording_order(group)]
     videos = {shared_by(row): row for row in ordered}
-    failures = [*map(shared_by, first_failures(rows(), evaluated, files))]
-    return [
-        *(videos[shared] for shared in dict.fromkeys(failures) if shared not in recorded),
+    failures = dict.fromkeys(map(shared_by, first_failures(rows(), evaluated, files)))
+    return [videos[shared] for shared in failures if shared not in recorded], [
         *(item for item in snapshots if not snapshot_path(folder, item.task, item.condition).exists()),
         *(row for shared, row in videos.items() if shared not in recorded and shared not in failures),
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, with_bundles
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster
 from robogauntlet.orchestrator.ray_runtime.session import NoRoom, RayLost, import_ray, ray_session, room_for_workers
-from robogauntlet.orchestrator.replay.media_selection import condition_snapshots, first_failures, shared_by
+from robogauntlet.orchestrator.replay.media_selection import condition_snapshots
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression
 from robogauntlet.orchestrator.runs.observer import RECORDING, Observer, Recording, RunState
 from robogauntlet.orchestrator.runs.observers import Observers
@@ -23,7 +23,7 @@ from robogauntlet.orchestrator.runs.run_place import RunPlace
 from robogauntlet.orchestrator.runs.run_progress import RunProgress
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import lock_folder
-from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
+from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import RunArguments, RunStatus, shortened, write_run
 from robogauntlet.results.store.episode_store import StoreError, check_place
 from robogauntlet.results.store.run_history import History
@@ -34,6 +34,7 @@ from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.replay.media_selection import Snapshot
+    from robogauntlet.results.record import EpisodeResult
 
 RAY_STARTS = 5
 """Number of Ray sessions of a run, each started after the previous one died, before the run stops."""
@@ -59,7 +60,7 @@ class RunOptions:
     retry_errors: bool = False
     """Play episodes again whose row is an error."""
     media: bool | None = None
-    """Record videos and snapshots: all, none, or by default the first episodes and what fits into `MEDIA_SHARE`."""
+    """Record videos and snapshots: all, none, or by default a few while they are played and what fits `MEDIA_SHARE`."""
     schedule: str | None = None
     """The schedule that starts this run, if any."""
     command: str | None = None
@@ -288,33 +289,29 @@ class RunSession(Observer):
         self._update(media_left_out=self._left_out, finished_at=time.time(), **self._elapsed())
         self._write()
 
-    def _pending_media(self) -> list[Snapshot | EpisodeResult]:
+    def _pending_media(self) -> Iterator[list[Snapshot | EpisodeResult]]:
+        """The first failures to record, and all else."""
         from robogauntlet.orchestrator.replay.media import pending_media
         from robogauntlet.results.analysis.combinations import cluster_failures
 
-        plan, skipped, evaluated = self._plan, self._run.skipped, self._evaluated()
+        plan, skipped = self._plan, self._run.skipped
+        evaluated = [name for name in plan.sources if name not in plan.suite.reference_policies]
         snapshots = condition_snapshots(plan.cells, plan.suite.seeds.start)
         report = self._run.report
         found = None if report is None else report.data.get("combinations")
         in_clusters = cluster_failures(found, self._place.store.results())
         pending = pending_media(self._place.folder, self._place.store.results, evaluated, snapshots, in_clusters)
-        return [item for item in pending if item.simulator not in skipped]
-
-    def _evaluated(self) -> list[str]:
-        references = self._plan.suite.reference_policies
-        return [name for name in self._plan.sources if name not in references]
+        return ([item for item in part if item.simulator not in skipped] for part in pending)
 
     def _record_media(self) -> bool:
         """Record missing videos and snapshots, as many as their time allows. Returns whether any were missing."""
-        missing = self._pending_media()
+        first, others = self._pending_media()
+        missing = [*first, *others]
         self._left_out = total = len(missing)
         share_s = math.inf if self._options.media else MEDIA_SHARE * self._run.document.elapsed_s
         attempted, end = False, self._began + share_s - self._run.document.media_s
         if share_s < FIRST_FAILURES_S and self._run.document.media_s == 0.0:
-            shown = {shared_by(row) for row in first_failures(self._place.store.results(), self._evaluated())}
-            first = [item for item in missing if isinstance(item, EpisodeResult) and shared_by(item) in shown]
-            attempted = self._record(first, self._began + FIRST_FAILURES_S)
-            missing = [item for item in missing if item not in first]
+            attempted, missing = self._record(first, self._began + FIRST_FAILURES_S), others
         attempted = self._record(missing, end) or attempted
         if attempted:
             recorded = counted(total - self._left_out, "video or snapshot", "videos and snapshots")

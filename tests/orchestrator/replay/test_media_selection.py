@@ -1,5 +1,7 @@
 """The episodes that get a video, and the conditions that get a snapshot."""
 
+from itertools import product
+
 from robogauntlet.orchestrator.replay.media import pending_media
 from robogauntlet.orchestrator.replay.media_selection import (
     Snapshot,
@@ -59,12 +61,8 @@ def test_each_axis_simulator_and_policy_has_its_own_new_failure():
         for p in ("experts", "merged", "oracle")
     ]
     found = new_failures(lambda: [*clean, *falls], ("experts", "merged"))
-    assert {(r.policy, r.axis, r.simulator) for r in found} == {
-        (p, axis, simulator)
-        for p in ("experts", "merged")
-        for axis in ("blur", "noise")
-        for simulator in ("maniskill", "robosuite")
-    }
+    expected = {*product(("experts", "merged"), ("blur", "noise"), ("maniskill", "robosuite"))}
+    assert {(r.policy, r.axis, r.simulator) for r in found} == expected
 
 
 def test_controls_and_errors_are_no_new_failures():
@@ -83,11 +81,11 @@ def test_policies_that_acted_identically_share_a_video(tmp_path):
     rows = [played(name) for name in ("a", "b", "c")] + [played("d", acts="else"), played("e", seed=1)]
     recorded = [(r.policy, r.seed) for r in recording_order(representative_episodes(rows))]
     assert sorted(recorded) == [("a", 0), ("d", 0), ("e", 1)]
-    assert len(pending_media(tmp_path, lambda: rows, (), [])) == 3
+    assert len(pending_media(tmp_path, lambda: rows, (), [])[1]) == 3
     file = video_path(tmp_path, rows[1].episode_id)
     file.parent.mkdir(parents=True)
     file.touch()
-    assert {r.policy for r in pending_media(tmp_path, lambda: rows, (), [])} == {"d", "e"}
+    assert {r.policy for r in pending_media(tmp_path, lambda: rows, (), [])[1]} == {"d", "e"}
 
 
 def test_tasks_and_outcomes_take_turns_and_videos_of_many_policies_come_first():
@@ -109,11 +107,18 @@ def test_a_failure_of_each_policy_comes_before_snapshots_and_all_other_videos(tm
     rows = [played("a"), played("b"), played("b", "failure", seed=3, acts="b"), played("random", "failure", acts="r")]
     rows += [played("a", "failure", task=PULL, seed=2, acts="a"), played("a", "failure", task=PULL, seed=1, acts="aa")]
     snapshot = Snapshot(PUSH, CLEAN, 0, View())
-    pending = pending_media(tmp_path, lambda: rows, ("a", "b"), [snapshot])
-    assert [(item.policy, item.seed) for item in pending[:2]] == [("a", 1), ("b", 3)]
-    assert pending[2] == snapshot
-    assert [(item.policy, item.status) for item in pending[3:]] == [("a", "success"), ("random", "failure")]
-    assert pending_media(tmp_path, lambda: rows, (), [])[2].policy == "random"
+    first, (second, *others) = pending_media(tmp_path, lambda: rows, ("a", "b"), [snapshot])
+    assert [(item.policy, item.seed) for item in first] == [("a", 1), ("b", 3)]
+    assert second == snapshot
+    assert [(item.policy, item.status) for item in others] == [("a", "success"), ("random", "failure")]
+    assert pending_media(tmp_path, lambda: rows, (), [])[0][2].policy == "random"
+
+
+def test_no_other_failure_of_a_policy_comes_first_where_one_has_a_video(tmp_path):
+    rows = [played("a", "failure", task=PULL), played("a", "failure", seed=1)]
+    video_path(tmp_path, rows[1].episode_id).parent.mkdir(parents=True)
+    video_path(tmp_path, rows[1].episode_id).touch()
+    assert pending_media(tmp_path, lambda: rows, ("a",), []) == ([], [rows[0]])
 
 
 def test_snapshots_have_every_severity_on_each_simulators_first_task():
