@@ -158,7 +158,7 @@ def test_a_function_is_asked_about_the_first_task_with_one_arm_and_the_first_wit
 
 def test_the_suite_of_robosuite_can_be_played_by_a_policy_of_one_arm():
     plan = make_plan(find_suite("robosuite"), part=SuiteSelection(("random",)), require_installed=False)
-    assert len(plan.suite.tasks) == 27
+    assert len(plan.suite.tasks) == 28
 
 
 def test_several_policies_play_the_tasks_in_which_all_can_act_in_the_images_of_the_suite(suite_file):
