@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Iterable, Iterator
 
-from robogauntlet.adapters.contract import BatchSimulation, Simulation, StepOutcome
+from robogauntlet.adapters.contract import AdapterError, BatchSimulation, Simulation, StepOutcome
 from robogauntlet.orchestrator.episodes.rollout import ask, played
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies.contract import Decision, Policy, Query
@@ -73,7 +73,8 @@ def rollouts(batch: BatchSimulation, policy: Policy, episodes: Iterable[Episode]
             decisions = ask(policy, [query for _, query in asking])
             _share([world for world, _ in asking], began)
             for (world, _), decision in zip(asking, decisions, strict=True):
-                world.resume(decision)
+                if world.resume(decision) is not None:
+                    raise AdapterError("a world of a batch: expected PENDING of a step, got its outcome")
         began = time.perf_counter()
         outcomes = batch.advance()
         _share(playing.values(), began)

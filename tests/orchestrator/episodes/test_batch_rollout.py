@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from robogauntlet.adapters.catalog import open_simulation
+from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.null import NullBatch
 from robogauntlet.orchestrator.episodes.batch_rollout import rollouts
 from robogauntlet.orchestrator.episodes.rollout import rollout
@@ -101,3 +102,7 @@ def test_an_error_in_a_world_ends_the_batch():
         list(rollouts(NullBatch("Reach", VIEW, 4), Short(PolicyInput.NOTHING, 8), episodes))
     with pytest.raises(RuntimeError, match="asked to raise"):
         list(rollouts(NullBatch("Raise", VIEW, 4), Towards(PolicyInput.NOTHING, 8), episodes))
+    batch = NullBatch("Reach", VIEW, 2)
+    batch.worlds = [open_simulation("null/Reach", VIEW)]
+    with pytest.raises(AdapterError, match="expected PENDING of a step, got its outcome"):
+        list(rollouts(batch, Towards(PolicyInput.NOTHING, 8), episodes))
