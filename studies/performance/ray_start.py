@@ -24,7 +24,7 @@ with session.ray_session(address=None, workers=1):
     spent = sum(sum(part.cpu_times()[:2]) for part in parts)
     memory = sum(part.memory_info().rss for part in parts) / 1e6
     begin = time.perf_counter()
-    worker = ray.remote(num_cpus=0, runtime_env={"env_vars": {"NAME": "value"}})(lambda: sum(os.times()[:2]))
+    worker = ray.remote(num_cpus=0)(lambda: sum(os.times()[:2]))
     result = {"worker": ray.get(worker.remote()), "worker_up": time.perf_counter() - begin}
     end = time.perf_counter()
 result |= {"up": up, "down": time.perf_counter() - end, "spent": spent, "memory": memory, "parts": len(parts)}
