@@ -56,7 +56,7 @@ BUDGETS = {
     "results": 16_086,
     "suites": 3_054,
     "src/robogauntlet": 983,
-    "tests": 53_828,
+    "tests": 53_829,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -97,7 +97,7 @@ def ray_session(*, address: str | None, workers: int, variables: Mapping[str, st
         try:
             if address is None:
                 _folder = _new_folder()
-                _given = {**(variables or {}), "TMPDIR": str(_folder.temporary)}
+                _given = {**playing_variables(os.environ), **(variables or {}), "TMPDIR": str(_folder.temporary)}
             _start(address, workers)
             if address is not None:
                 _head = ClusterHead(ray.get_runtime_context().gcs_address)

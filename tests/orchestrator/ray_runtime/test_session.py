@@ -201,7 +201,8 @@ def test_a_process_whose_variables_ray_was_started_with_is_not_set_up_and_has_th
 
     given = EnvironmentResolver().shared_variables(["null", "pybullet"])
     assert in_session({"env_vars": given}) == {}
-    assert in_session({"env_vars": {**given, "MUJOCO_GL": "egl"}}) == {"env_vars": {"MUJOCO_GL": "egl"}}
+    assert in_session({"env_vars": {**given, "MUJOCO_GL": "glx"}}) == {"env_vars": {"MUJOCO_GL": "glx"}}
+    assert in_session({"env_vars": {"PATH": os.environ["PATH"]}}) == {}
     names = ("TMPDIR", *given)
     found = ray.get(ray.remote(num_cpus=0)(lambda: [os.environ.get(name) for name in names]).remote())
     assert found == [str(temporary_folder()), *given.values()]
