@@ -17,7 +17,7 @@ _NUMBERS = tuple(name for name, (kind, nullable, _) in describe_fields().items()
 
 
 def frame_of(store: Store, fields: Sequence[str] = FIELDS, *where: sa.ColumnElement[bool]) -> pd.DataFrame:
-    """Read the rows of a store, or such ones, with a column per field, and close it. Raises StoreError."""
+    """Read the rows of a store for which all of `where` holds, a column per field, and close it. Raises StoreError."""
     import pandas as pd
 
     try:

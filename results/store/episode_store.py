@@ -94,7 +94,7 @@ class Store:
             return any(connection.scalar(query.limit(1)) is not None for query in queries)
 
     def has_rows(self, *where: sa.ColumnElement[bool]) -> bool:
-        """Whether the store has rows of the run, or such ones. Raises StoreError."""
+        """Whether the store has a row of the run for which all of `where` holds. Raises StoreError."""
         query = sa.select(episodes.c.run_id).where(episodes.c.run_id == self._run_id, *where).limit(1)
         with self.database.reading() as connection:
             return connection.scalar(query) is not None
@@ -133,7 +133,7 @@ class Store:
     def batches(
         self, size: int = 10_000, fields: Sequence[str] = FIELDS, *where: sa.ColumnElement[bool]
     ) -> Iterator[Sequence[Sequence[Any]]]:
-        """These fields of the rows of `results`, or of such ones, as plain values, at most `size` at a time."""
+        """These fields of the `results` for which all of `where` holds, as plain values, at most `size` at a time."""
         e = episodes.c
         order = (e.simulator, e.task, e.policy, e.axis, e.severity, e.seed, e.episode_id)
         with self.database.reading() as connection:
@@ -149,7 +149,7 @@ class Store:
         return {pair: state for pair, state, _ in sorted(found, key=lambda one: str(one[2]), reverse=True)}
 
     def _select(self, connection: sa.Connection, *columns: sa.ColumnElement[Any]) -> sa.Select[Any]:
-        """A query of the rows. A file without others is read as it lies, which takes half as long as by an index."""
+        """A query of the rows. A file without others is read as it lies: few fields take half the time of an index."""
         own: sa.ColumnElement[str] = episodes.c.run_id
         if connection.dialect.name == "sqlite":
             ends = (connection.scalar(sa.select(end(own))) for end in (sa.func.min, sa.func.max))
