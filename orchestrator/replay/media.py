@@ -33,7 +33,7 @@ from robogauntlet.orchestrator.replay.media_selection import (
 from robogauntlet.orchestrator.replay.replay import NotReplayed, replay, replay_rows
 from robogauntlet.results.media_paths import begun_folder, picture_path, snapshot_path, video_path, videos_folder
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.suites.episode import Cell, Episode
+from robogauntlet.suites.episode import Cell, Condition, Episode
 from robogauntlet.support.files import write_whole
 
 
@@ -48,12 +48,12 @@ class MediaResult:
 
 
 def episodes_to_film(work: Iterable[tuple[Cell, Sequence[int]]]) -> frozenset[str]:
-    """Ids of one episode of each policy in each simulator, of cells and their seeds: the second, or the only one.
+    """Ids of one episode of each policy in each simulator, of cells and their seeds, clean if there is such a one.
 
-    The first row of a run does not wait for a video.
+    It is the second of its cell, or the only one: the first row of a run does not wait for a video.
     """
     chosen: dict[tuple[str, str], str] = {}
-    for cell, seeds in work:
+    for cell, seeds in sorted(work, key=lambda item: item[0].condition != Condition()):
         if seeds:
             chosen.setdefault((cell.simulator, cell.policy_digest), cell.episode(seeds[min(1, len(seeds) - 1)]).id)
     return frozenset(chosen.values())

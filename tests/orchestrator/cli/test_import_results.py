@@ -68,9 +68,8 @@ def test_a_simulated_run_and_a_real_one_are_compared_on_separate_trials(run_comm
     assert apart.code == 2
     assert '"agreement": null' in (tmp_path / "found").read_text()
     refused = run_command("compare", "--gate", "runs/sim").refusal
-    assert (
-        refused == "--gate: expected a run that was played, runs/sim has results of others; compare it without --gate"
-    )
+    said = "--gate: expected a run that was played, runs/sim has results of others; compare it without --gate"
+    assert refused == said
 
 
 @pytest.mark.parametrize(

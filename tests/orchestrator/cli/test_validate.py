@@ -113,9 +113,8 @@ def test_the_doctor_fails_where_no_simulator_is_installed():
     assert done.returncode == 1
     assert "note: maniskill: not installed" in done.stdout
     assert "robogauntlet: no simulator is installed; install one: pip install" in done.stderr
-    assert (
-        "listens: robogauntlet serve dashboard: 127.0.0.1, port 8770; elsewhere by --host, with a token" in done.stdout
-    )
+    listens = "listens: robogauntlet serve dashboard: 127.0.0.1, port 8770; elsewhere by --host, with a token"
+    assert listens in done.stdout
 
 
 @pytest.mark.parametrize(("verb", "serve"), [("serve dashboard", dashboard), ("serve policy", policy_server)])

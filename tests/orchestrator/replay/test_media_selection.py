@@ -2,7 +2,7 @@
 
 from itertools import product
 
-from robogauntlet.orchestrator.replay.media import pending_media
+from robogauntlet.orchestrator.replay.media import episodes_to_film, pending_media
 from robogauntlet.orchestrator.replay.media_selection import (
     Snapshot,
     condition_snapshots,
@@ -112,6 +112,11 @@ def test_a_failure_of_each_policy_comes_before_snapshots_and_all_other_videos(tm
     assert second == snapshot
     assert [(item.policy, item.status) for item in others] == [("a", "success"), ("random", "failure")]
     assert pending_media(tmp_path, lambda: rows, (), [])[0][2].policy == "random"
+
+
+def test_a_clean_episode_is_filmed_if_there_is_one_the_second_of_its_cell():
+    noisy, clean = cells(("experts",), (PUSH,), (NOISE, CLEAN))
+    assert episodes_to_film([(noisy, (0, 1)), (clean, (4, 5, 6))]) == {clean.episode(5).id}
 
 
 def test_no_other_failure_of_a_policy_comes_first_where_one_has_a_video(tmp_path):
