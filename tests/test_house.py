@@ -49,14 +49,14 @@ PLAYS = {
 """What its verbs print with, and what the evaluation of routers collects first observations with."""
 LONGEST = 400
 BUDGETS = {
-    "orchestrator": 23_469,
+    "orchestrator": 23_486,
     "adapters": 10_454,
     "policies": 9_077,
     "mergevla": 9_389,
     "results": 16_086,
     "suites": 3_054,
     "src/robogauntlet": 983,
-    "tests": 53_829,
+    "tests": 53_830,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -17,7 +17,7 @@ from typing import Any
 import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
-from robogauntlet.orchestrator.ray_runtime.private_names import fewer_processes, job_without_folders, private, replaced
+from robogauntlet.orchestrator.ray_runtime.private_names import job_without_folders, private, quick_start, replaced
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 from robogauntlet.support.errors import describe_os_error, first_line
 from robogauntlet.support.interrupts import deferred_interrupts
@@ -179,7 +179,7 @@ def _start(address: str | None, workers: int) -> None:
             _environment({**_hidden(), **_given} if address is None else {}),
             # Its own handlers exit with another code, and would be in force for the seconds of the start.
             replaced("_private.utils", "set_sigterm_handler", lambda _: None),
-            fewer_processes() if address is None and not _has_failed else contextlib.nullcontext(),
+            quick_start() if address is None and not _has_failed else contextlib.nullcontext(),
         ):
             ray.init(address or "local", **options)
     except BaseException as error:  # Ray raises no narrower one when its processes take longer than 30 s to start

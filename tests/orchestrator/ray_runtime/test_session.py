@@ -12,7 +12,7 @@ import pytest
 
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.ray_runtime import session as session_module
-from robogauntlet.orchestrator.ray_runtime.private_names import fewer_processes, private, replaced
+from robogauntlet.orchestrator.ray_runtime.private_names import _get_node, private, quick_start, replaced
 from robogauntlet.orchestrator.ray_runtime.session import (
     WORKER_BYTES,
     RayLost,
@@ -32,8 +32,9 @@ def test_a_ray_without_the_private_names_is_used_by_its_public_ones(monkeypatch)
     nodes = [{"NodeID": "a", "Alive": True, "Resources": {"CPU": 2.0}}, {"NodeID": "b", "Alive": False}]
     monkeypatch.setattr("ray.nodes", lambda: nodes)
     assert free_resources() == {"a": {"CPU": 2.0}}
-    with fewer_processes():
+    with quick_start():
         pass
+    assert _get_node(lambda address, node: (address, node), "127.0.0.1:1", "a") == ("127.0.0.1:1", "a")
     with replaced("_private.utils", "set_sigterm_handler", None):
         assert private("_private.utils", "set_sigterm_handler") is None
 
@@ -110,7 +111,7 @@ def test_ray_of_one_machine_starts_no_process_that_nothing_uses(session):
 def test_parameters_of_ray_with_other_names_are_left_alone(monkeypatch):
     other = lambda **_: None  # noqa: E731
     monkeypatch.setattr("ray._private.parameter.RayParams", other)
-    with fewer_processes():
+    with quick_start():
         assert private("_private.parameter", "RayParams") is other
 
 
