@@ -38,9 +38,9 @@ def tracked_videos(folder: Path, rows: Callable[[], Iterable[EpisodeResult]]) ->
     recorded = {shared_by(row): row.episode_id for row in rows() if row.episode_id in files}
     chosen: list[TrackedVideo] = []
     left = MOST_BYTES
-    shown = representative_episodes(rows())
+    shown = representative_episodes(row for row in rows() if shared_by(row) in recorded)
     order = {shared_by(row): place for place, row in enumerate(recording_order(shown))}
-    for row in sorted((row for row in shown if shared_by(row) in recorded), key=lambda row: order[shared_by(row)]):
+    for row in sorted(shown, key=lambda row: order[shared_by(row)]):
         path = video_path(folder, recorded[shared_by(row)]).absolute()
         if (size := path.stat().st_size) <= left and len(chosen) < MOST_VIDEOS:
             left -= size
