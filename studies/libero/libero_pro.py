@@ -24,7 +24,7 @@ from studies.tables import episodes_of, write_episodes
 AXES = ("object", "swap", "task", "language")
 PLAYED = ("spatial", "object", "goal")
 """Suites; those of `10` are in `libero_pro_ways`."""
-STATES = 1
+STATES = 2
 """Stored states of each task, from the first on; each is a run, so that what was played stays valid when more are."""
 NAMED = "variant-name"
 COLUMNS = {

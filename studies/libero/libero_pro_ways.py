@@ -19,6 +19,8 @@ from studies.tables import episodes_of, write_episodes
 COPIES, MERGE = "none-4", "magnitude-2-routed"
 WAYS = {EXPERTS: "experts", COPIES: "copies in four bits", MERGE: "merge: two bits of magnitudes, routed"}
 PARTS = {"Spatial, Object, Goal": PLAYED, "Long": ("10",)}
+LONG_STATES = 1
+"""Stored states of each task of Long, whose episodes take longest."""
 COLUMNS = {
     "suites": "{suites}",
     "policy": "{title}",
@@ -34,17 +36,16 @@ def measure() -> list[dict[str, object]]:
     """A row for each policy, Long apart; writes the episodes beside the rows."""
     folder, frames = folder_of_experts(), []
     by_suite = {suite: [task_of(axis, task) for axis in AXES for task in tasks_of(suite)] for suite in SUITES}
-    every = [task for tasks in by_suite.values() for task in tasks]
     experts = {EXPERTS: {"kind": "mergevla", "options": {"checkpoint": f"{ZOO}/libero-10"}}}
+    copies = merged_policy(MERGED, recipe=MERGES[COPIES][1], experts=ZOO)
+    ways = {COPIES: copies, MERGE: merged_policy(MERGED, "calibrated")}
     for state in range(STATES):
-        frames.append(
-            play_policies(folder, f"pro-experts-10-state-{state}", experts, by_suite["10"], 1, EPISODE, first=state)
-        )
-        ways = {
-            COPIES: merged_policy(MERGED, recipe=MERGES[COPIES][1], experts=ZOO),
-            MERGE: merged_policy(MERGED, "calibrated"),
-        }
-        frames.append(play_policies(folder, f"pro-ways-state-{state}", ways, every, 1, EPISODE, first=state))
+        suites = SUITES if state < LONG_STATES else PLAYED
+        tasks = [task for suite in suites for task in by_suite[suite]]
+        frames.append(play_policies(folder, f"pro-ways-state-{state}", ways, tasks, 1, EPISODE, first=state))
+    for state in range(LONG_STATES):
+        name = f"pro-experts-10-state-{state}"
+        frames.append(play_policies(folder, name, experts, by_suite["10"], 1, EPISODE, first=state))
     frame = pd.concat(frames)
     write_episodes("libero_pro_ways", frame, ("policy", "task", "seed"))
     rows = rows_of(frame)
