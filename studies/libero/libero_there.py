@@ -45,7 +45,7 @@ THERE = EnvironmentEntry(
     requirements=(*SIMULATOR.requirements, "anyio>=4", "msgpack>=1", "websockets>=13", "lazyregistry>=0.4"),
     without_dependencies=("hf-libero==0.1.4", "robosuite==1.4.0", "bddl==1.0.1", "vla-eval==0.8.0"),
 )
-EPISODES = few(36, 1)
+EPISODES = few(50, 1)
 """Of each suite: its expert's tasks from stored state 0, then from 1, and so on."""
 RENDER = RenderProfile.FAST_2
 """As in the experts' demonstrations. What is drawn decides what they do, and not what their actions do."""
