@@ -211,7 +211,7 @@ class BatchSimulation(Protocol):
         """
 
     def advance(self) -> Sequence[StepOutcome | None]:
-        """Apply the noted actions for a control step. Return what came of each, None of a world that had none."""
+        """Apply the noted actions for a control step. Return the outcome of each, None of a world that had none."""
 
 
 @runtime_checkable

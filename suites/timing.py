@@ -99,6 +99,8 @@ def read_timing(value: Any) -> Timing | None:
 
 
 def _text(value: str) -> tuple[Any, float, float | None]:
+    if is_measured(value):
+        raise ValueError(f"expected a time, got '{value}': answers are measured by robogauntlet run --latency alone")
     match = _TEXT.fullmatch(value)
     if match is None:
         raise ValueError(f"{EXPECTED}; got '{value}'")

@@ -54,9 +54,9 @@ BUDGETS = {
     "policies": 9_077,
     "mergevla": 9_389,
     "results": 16_086,
-    "suites": 3_054,
+    "suites": 3_056,
     "src/robogauntlet": 983,
-    "tests": 53_830,
+    "tests": 53_835,
 }
 """Lines of Python that a room may have, templates left out. A commit that raises one says what went instead."""
 WORDS = 32_000

@@ -58,6 +58,11 @@ def test_a_policy_without_answers_is_one_line_with_what_was_found(monkeypatch):
         measured_latency.measured_timing("measured", PROBE)
 
 
+def test_a_plan_takes_a_time_and_says_where_answers_are_measured(run_command):
+    refusal = run_command("plan", "smoke", "--latency", "hold:measured").refusal
+    assert "--latency: expected a time, got 'hold:measured': answers are measured by robogauntlet run" in refusal
+
+
 @pytest.mark.parametrize(
     ("policies", "latency", "said"),
     [
